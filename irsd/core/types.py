@@ -1,0 +1,252 @@
+"""The values that cross stage boundaries: frozen, named, with frames and units. Depends on numpy only.
+
+Arrays inside are handed over, not shared: whoever makes a value never writes to its arrays again.
+Stamps are int nanoseconds of the sensor clock. Frames are REP-105: ``map``, ``odom``, ``base_link``, sensor frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.geometry import Pose
+from irsd.core.grid import GridFrame
+
+
+class Structure(IntEnum):
+    """What a voxel is part of. The values are those written to disk and to the wire."""
+
+    OTHER = 0
+    WALL = 1
+    FLOOR = 2
+    CEILING = 3
+    DOOR = 4
+    WINDOW = 5
+
+
+# --------------------------------------------------------------------------------------- decoded sensor messages
+@dataclass(frozen=True, slots=True)
+class LidarScan:
+    """One sweep as measured, each point seen from the sensor's pose at its own instant.
+
+    points_sensor: float32 [N, 3] metres, finite, sensor frame. time_offset_s: float32 [N], seconds after ``stamp_ns``
+    (may be negative or unsorted), or None when the sensor gives no time per point.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    points_sensor: NDArray[np.float32]
+    time_offset_s: NDArray[np.float32] | None
+
+
+@dataclass(frozen=True, slots=True)
+class CameraImage:
+    """A decoded picture: bgr uint8 [H, W, 3]."""
+
+    stamp_ns: int
+    frame_id: str
+    bgr: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """Pinhole camera with OpenCV distortion. matrix: float64 [3, 3] pixels; distortion: float64 [K], K in 0, 4, 5, 8, 12, 14.
+
+    model: ``plumb_bob``, ``rational_polynomial`` or ``equidistant`` (fisheye). frame_id: the optical frame (z ahead, x right).
+    """
+
+    frame_id: str
+    width_px: int
+    height_px: int
+    matrix: NDArray[np.float64]
+    model: str
+    distortion: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class OdomSample:
+    """Pose of the robot: position [3] metres, quat_xyzw [4], of ``child_frame_id`` (base_link) in ``frame_id`` (odom)."""
+
+    stamp_ns: int
+    frame_id: str
+    child_frame_id: str
+    position_m: NDArray[np.float64]
+    quat_xyzw: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class StaticTransform:
+    """A fixed mounting: parent_T_child 4x4 float64."""
+
+    parent: str
+    child: str
+    parent_T_child: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """What some perception saw in one picture, as a struct of arrays; zero detections is a normal value.
+
+    ids_px: uint16 [H, W], 0 = nothing, else the number of the detection that owns the pixel (numbers mean nothing across frames).
+    number: int32 [n], the values that occur in ids_px. score: float32 [n] in 0..1. label: n names.
+    top_labels: per detection, (name, score) best first, at least one. embedding: float32 [n, D], unit length, or None.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    ids_px: NDArray[np.uint16]
+    number: NDArray[np.int32]
+    score: NDArray[np.float32]
+    label: tuple[str, ...]
+    top_labels: tuple[tuple[tuple[str, float], ...], ...]
+    embedding: NDArray[np.float32] | None
+
+
+Sensed = LidarScan | CameraImage | CameraModel | OdomSample | StaticTransform | Detections
+
+
+# --------------------------------------------------------------------------------------- after synchronisation
+@dataclass(frozen=True, slots=True)
+class DeskewedScan:
+    """One sweep in the map frame, motion removed: points_map float32 [N, 3]; origin_map [3] float64, the sensor's mean position."""
+
+    stamp_ns: int
+    points_map: NDArray[np.float32]
+    origin_map: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """A picture's content and where it was taken. map_T_camera: optical frame, at the picture's stamp."""
+
+    stamp_ns: int
+    map_T_camera: Pose
+    camera: CameraModel
+    detections: Detections | None
+    image: CameraImage | None
+
+
+@dataclass(frozen=True, slots=True)
+class SyncedFrame:
+    """What the pipeline eats: one deskewed scan and the camera views since the scan before it, oldest first."""
+
+    seq: int
+    stamp_ns: int
+    map_T_base: Pose
+    scan: DeskewedScan
+    views: tuple[CameraView, ...]
+
+
+# --------------------------------------------------------------------------------------- mapping
+@dataclass(frozen=True, slots=True)
+class MapUpdate:
+    """What one scan changed. rows: int32 [M], the voxel rows that were touched (see ``mapping.voxels.VoxelMap``).
+
+    floor_z_m / ceiling_z_m: heights near the robot now (ceiling None until seen).
+    changed_xy_m: (xmin, ymin, xmax, ymax) of the plan cells whose evidence changed, None when nothing did.
+    """
+
+    seq: int
+    stamp_ns: int
+    rows: NDArray[np.int32]
+    floor_z_m: float
+    ceiling_z_m: float | None
+    changed_xy_m: tuple[float, float, float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class PlanEvidence:
+    """The map seen from above, the input of room segmentation: per plan cell, what stands and what is open above furniture.
+
+    wall: bool [H, W], structure stands here above furniture height. free: bool [H, W], rays passed or the floor/ceiling was
+    seen here and nothing stands above furniture height. low: bool [H, W], something stands here at robot height.
+    known: bool [H, W], anything was seen. All on ``frame``.
+    """
+
+    frame: GridFrame
+    wall: NDArray[np.bool_]
+    free: NDArray[np.bool_]
+    low: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    floor_z_m: float
+    ceiling_z_m: float | None
+
+
+# --------------------------------------------------------------------------------------- rooms
+@dataclass(frozen=True, slots=True)
+class RoomFootprint:
+    """One room's place: polygon_xy float64 [K, 2] metres counter-clockwise, not closed; aabb_xy (xmin, ymin, xmax, ymax)."""
+
+    polygon_xy: NDArray[np.float64]
+    aabb_xy: tuple[float, float, float, float]
+    area_m2: float
+    floor_z_m: float
+    ceiling_z_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """Where one can pass between two rooms: rooms are indices (in a segmentation) of the two sides; segment_xy float64 [2, 2]."""
+
+    rooms: tuple[int, int]
+    position_xy: tuple[float, float]
+    width_m: float
+    segment_xy: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RoomSegmentation:
+    """Rooms of one instant, without identity. labels: int32 [H, W], 0 = none, k = rooms[k - 1]. Opening.rooms hold k values."""
+
+    frame: GridFrame
+    labels: NDArray[np.int32]
+    rooms: tuple[RoomFootprint, ...]
+    openings: tuple[Opening, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Rooms:
+    """Rooms with stable ids. ids: int per room, parallel to ``footprints``; labels: int32 [H, W] of ids (0 = none).
+
+    openings: Opening.rooms hold room ids. lineage: lines such as ``R4 split into R4, R9`` of this update.
+    """
+
+    frame: GridFrame
+    labels: NDArray[np.int32]
+    ids: tuple[int, ...]
+    footprints: tuple[RoomFootprint, ...]
+    openings: tuple[Opening, ...]
+    lineage: tuple[str, ...]
+
+
+# --------------------------------------------------------------------------------------- instances
+@dataclass(frozen=True, slots=True)
+class InstanceState:
+    """All that fusion knows of one instance at one instant.
+
+    points_map: float32 [N, 3]; embedding: float32 [D] unit length or None; labels: (name, score) best first, scores sum to <= 1.
+    room: id of the room that holds it, 0 = none. observations: pictures that saw it. existence: 0..1.
+    """
+
+    id: int
+    points_map: NDArray[np.float32]
+    embedding: NDArray[np.float32] | None
+    labels: tuple[tuple[str, float], ...]
+    room: int
+    observations: int
+    existence: float
+    first_seen_ns: int
+    last_seen_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class InstanceUpdate:
+    """What changed in the instance memory: states that are new or changed, ids that ended, (kept, absorbed) merges."""
+
+    stamp_ns: int
+    changed: tuple[InstanceState, ...]
+    ended: tuple[int, ...]
+    merged: tuple[tuple[int, int], ...]

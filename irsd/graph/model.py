@@ -1,0 +1,112 @@
+"""The scene graph's vocabulary: nodes, snapshot and delta as frozen values with readable ids (``B0``, ``R3``, ``I7``, ``D2``).
+
+Topology (which room, which neighbours) is held in ids; the heavy arrays of an instance (points, embedding) travel apart
+as ``InstanceArrays``. Everything here is data: no zenoh, no disk, no networkx.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class BuildingNode:
+    """The root. rooms: ids of all rooms."""
+
+    id: str
+    name: str
+    rooms: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RoomNode:
+    """A room. polygon_xy: (x, y) metres in the map frame, counter-clockwise, not closed. labels: (type, score) best first.
+
+    label is the best type, or "room" where the evidence does not say. doors: ids of DoorEdge.
+    """
+
+    id: str
+    label: str
+    labels: tuple[tuple[str, float], ...]
+    polygon_xy: tuple[tuple[float, float], ...]
+    aabb_xy: tuple[float, float, float, float]
+    area_m2: float
+    floor_z_m: float
+    ceiling_z_m: float | None
+    instances: tuple[str, ...]
+    doors: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DoorEdge:
+    """A way between two rooms."""
+
+    id: str
+    rooms: tuple[str, str]
+    position_xy: tuple[float, float]
+    width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class InstanceNode:
+    """A thing. labels: (name, score) best first. obb: upright box (centre [3], size [3], yaw_rad). state: present | moved | gone."""
+
+    id: str
+    label: str
+    labels: tuple[tuple[str, float], ...]
+    room: str | None
+    centroid_m: tuple[float, float, float]
+    aabb_min_m: tuple[float, float, float]
+    aabb_max_m: tuple[float, float, float]
+    obb_center_m: tuple[float, float, float]
+    obb_size_m: tuple[float, float, float]
+    obb_yaw_rad: float
+    volume_m3: float
+    point_count: int
+    observations: int
+    existence: float
+    state: str
+    first_seen_ns: int
+    last_seen_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class GraphSnapshot:
+    """The whole graph at one revision. Nodes are sorted by the number in their id."""
+
+    seq: int
+    stamp_ns: int
+    map_id: str
+    frame: str
+    building: BuildingNode
+    rooms: tuple[RoomNode, ...]
+    doors: tuple[DoorEdge, ...]
+    instances: tuple[InstanceNode, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GraphDelta:
+    """From revision seq - 1 to seq: nodes to insert or replace, ids to remove, and what became of rooms in words."""
+
+    seq: int
+    stamp_ns: int
+    map_id: str
+    frame: str
+    rooms: tuple[RoomNode, ...]
+    doors: tuple[DoorEdge, ...]
+    instances: tuple[InstanceNode, ...]
+    removed: tuple[str, ...]
+    lineage: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class InstanceArrays:
+    """The heavy side of an instance: points_map float32 [N, 3], embedding float32 [D] or None."""
+
+    points_map: NDArray[np.float32]
+    embedding: NDArray[np.float32] | None
