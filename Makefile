@@ -1,0 +1,51 @@
+# Two commands do everything on a fresh machine: 'make demo' and 'make test'.
+PYTHON ?= python3.11
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+.PHONY: help install demo test check bench format lock clean
+
+help:  ## show the commands
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+install: $(STAMP)  ## make .venv with the locked dependencies and irsd in it
+
+$(STAMP): requirements.lock pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): apt-get install python3.11 python3.11-venv, or make PYTHON=python3.x"; exit 1; }
+	@echo "[1/3] virtual environment in $(VENV)"
+	@$(PYTHON) -m venv $(VENV) || { echo "venv failed: apt-get install python3.11-venv"; exit 1; }
+	@echo "[2/3] locked dependencies (about 700 MB to download the first time; a few minutes)"
+	@$(BIN)/python -m pip install --disable-pip-version-check -q --no-deps -r requirements.lock
+	@echo "[3/3] irsd itself"
+	@$(BIN)/python -m pip install --disable-pip-version-check -q --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: install  ## the main job on the embedded world: explore, build the graph, drive to the TV
+	$(BIN)/irsctl demo --out demo
+
+test: install  ## all tests
+	$(BIN)/python -m pytest
+
+check: install  ## formatting, lint, types, architecture
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest tests/test_architecture.py
+
+bench: install  ## print the benchmark tables (needs the recordings; see benchmarks/)
+	$(BIN)/python benchmarks/replay.py
+
+format: install  ## apply the formatter
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lock:  ## resolve pyproject.toml anew into requirements.lock
+	rm -rf $(VENV)/lock && $(PYTHON) -m venv $(VENV)/lock
+	$(VENV)/lock/bin/python -m pip install -q ".[dev]" setuptools wheel
+	(echo "# Exact versions of everything the product and its tests run with; made by 'make lock'."; \
+	 $(VENV)/lock/bin/python -m pip freeze --all --exclude irsd --exclude pip) > requirements.lock
+	rm -rf $(VENV)/lock
+
+clean:  ## remove everything that was built
+	rm -rf $(VENV) build demo *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

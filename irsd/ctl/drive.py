@@ -1,0 +1,95 @@
+"""irsctl goto and cancel: send a goal to nav_bridge, follow it to its end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from irsd.core.runtime import Ring
+from irsd.ctl.link import Target, ask_json, connected
+from irsd.io.messages import Sample
+
+EXIT_BY_STATUS = {"resolved": 0, "accepted": 0, "ambiguous": 3, "not_found": 4, "unreachable": 5}
+FINAL_STATES = {"reached": 0, "failed": 6, "cancelled": 6, "preempted": 6}
+SILENCE_S = 15.0  # nav_bridge reports at 1 Hz or more while it drives
+
+
+def goto(target: Target, query: str, within_m: float | None, no_wait: bool, as_json: bool) -> int:
+    """Resolve, drive, and say how it ended."""
+    with connected(target) as (session, keys):
+        states: Ring[Sample] = Ring(256)
+        with session.subscribe(keys.nav("state"), states):
+            request = {"query": query} | ({"within_m": within_m} if within_m is not None else {})
+            answer = ask_json(session, keys.nav("goto"), max(target.timeout_s, 10.0), request)
+            code = EXIT_BY_STATUS.get(str(answer.get("status")), 1)
+            if code or no_wait:
+                click.echo(json.dumps(answer) if as_json else describe(answer))
+                return code
+            if not as_json:
+                click.echo(describe(answer))
+            final = follow(states, str(answer["goal_id"]), quiet=as_json)
+        if as_json:
+            click.echo(json.dumps({**answer, "result": final}))
+        return FINAL_STATES.get(str(final.get("state")), 1)
+
+
+def follow(states: Ring[Sample], goal_id: str, *, quiet: bool) -> dict[str, Any]:
+    """Wait for the end of a goal; prints how it goes unless quiet. Returns the final state document."""
+    shown = ""
+    while True:
+        sample = states.get(timeout_s=SILENCE_S)
+        if sample is None:
+            reason = f"no word from nav_bridge for {SILENCE_S:g} s"
+            click.echo(f"Failed: {reason}", err=True)
+            return {"goal_id": goal_id, "state": "failed", "reason": reason}
+        state: dict[str, Any] = json.loads(sample.payload)
+        if state.get("goal_id") != goal_id:
+            continue
+        text = str(state.get("text") or state.get("state"))
+        if not quiet and text != shown:
+            click.echo(text)
+            shown = text
+        if state.get("state") in FINAL_STATES:
+            return state
+
+
+def cancel(target: Target, as_json: bool) -> int:
+    """Stop the current goal."""
+    with connected(target) as (session, keys):
+        answer = ask_json(session, keys.nav("cancel"), target.timeout_s, {})
+    click.echo(json.dumps(answer) if as_json else str(answer.get("text", "cancelled")))
+    return 0
+
+
+def describe(answer: dict[str, Any]) -> str:
+    """An answer of nav_bridge in words."""
+    status, text = answer.get("status"), answer.get("text")
+    if text:
+        return str(text)
+    goal = answer.get("target") or {}
+    if status == "resolved":
+        approach = answer.get("approach") or {}
+        name = f"{goal.get('instance')} {goal.get('label')} in {goal.get('room')}"
+        return f"Going to {name}: stopping {approach.get('distance_to_target_m', float('nan')):.2f} m from it"
+    found = ", ".join(
+        str(c.get("instance")) + " " + str(c.get("label")) for c in answer.get("candidates", []) if isinstance(c, dict)
+    )
+    return f"{str(status).replace('_', ' ')}" + (f": {found}" if found else "")
+
+
+def goto_offline(
+    folder: Path, query: str | None, queries: Path | None, start: str | None, within_m: float | None, as_json: bool
+) -> int:
+    """Answers from a replay's folder. nav_bridge is another program: it is run, not imported."""
+    command = [sys.executable, "-m", "nav_bridge", "offline", str(folder)]
+    command += [query] if query is not None else []
+    command += ["--queries", str(queries)] if queries is not None else []
+    command += ["--from", start] if start is not None else []
+    command += ["--within", str(within_m)] if within_m is not None else []
+    command += ["--json"] if as_json else []
+    return subprocess.run(command, check=False).returncode

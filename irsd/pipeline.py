@@ -1,0 +1,161 @@
+"""The loop: one synchronised frame in, one graph delta out. The live thread and the replay both call ``MapPipeline.step``.
+
+    SyncedFrame -> mapping -> rooms -> instances -> graph
+
+Nothing here knows of zenoh, files, threads or the wall clock: what is due is decided by sensor time alone, so the same
+input gives the same graph.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.grid import GridFrame
+from irsd.core.settings import section, setting
+from irsd.core.types import MapUpdate, Rooms, SyncedFrame
+from irsd.graph.builder import GraphBuilder, GraphSettings
+from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
+from irsd.graph.scene_graph import SceneGraph
+from irsd.instances.lift import LiftSettings, lift
+from irsd.instances.memory import FusionSettings, InstanceMemory
+from irsd.mapping.mapper import Mapper, MappingSettings
+from irsd.perception.encoder import LabelEncoder
+from irsd.rooms.stage import RoomSettings, RoomStage
+
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class PaceSettings:
+    """How often the slower stages run, in sensor time."""
+
+    rooms_period_s: float = setting(
+        1.0, "rooms are segmented anew at most this often, and only if the plan changed", lo=0.0
+    )
+    graph_period_s: float = setting(0.5, "graph deltas are made at most this often", lo=0.0)
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """One section per stage; a stage sees only its own."""
+
+    pace: PaceSettings = section(PaceSettings)
+    mapping: MappingSettings = section(MappingSettings)
+    rooms: RoomSettings = section(RoomSettings)
+    lift: LiftSettings = section(LiftSettings)
+    fusion: FusionSettings = section(FusionSettings)
+    graph: GraphSettings = section(GraphSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """What one step did. delta: None when nothing in the graph changed. stage_ms: wall milliseconds per stage that ran."""
+
+    update: MapUpdate
+    delta: GraphDelta | None
+    snapshot: GraphSnapshot
+    stage_ms: dict[str, float]
+
+
+class MapPipeline:
+    """Owns map, rooms, instances and graph; the only writer of all four. Not thread-safe: one thread calls it."""
+
+    def __init__(self, settings: PipelineSettings, labels: LabelEncoder, *, map_id: str, frame: str = "map") -> None:
+        self._settings = settings
+        self._mapper = Mapper(settings.mapping)
+        self._room_stage = RoomStage(settings.rooms)
+        self._memory = InstanceMemory(settings.fusion, labels.encode)
+        self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)
+        self._graph = SceneGraph(map_id=map_id, frame=frame)
+        self._rooms: Rooms | None = None
+        self._plan_changed = False
+        self._rooms_due_ns = 0
+        self._graph_due_ns = 0
+
+    def step(self, frame: SyncedFrame) -> StepResult:
+        """Take one frame through every stage that is due."""
+        ms: dict[str, float] = {}
+
+        # 1. The scan into the voxel map and the plan.
+        with _timed(ms, "mapping"):
+            update = self._mapper.integrate(frame)
+            self._plan_changed |= update.changed_xy_m is not None
+
+        # 2. Rooms, when the plan has changed and their period is over.
+        if self._plan_changed and frame.stamp_ns >= self._rooms_due_ns:
+            with _timed(ms, "rooms"):
+                self._segment_rooms()
+            self._rooms_due_ns = frame.stamp_ns + round(self._settings.pace.rooms_period_s * NS_PER_S)
+
+        # 3. What the cameras saw: masks to 3D points, points to instances.
+        for view in frame.views:
+            if view.detections is None or self._rooms is None:
+                continue
+            with _timed(ms, "lift"):
+                points, structure = self._mapper.visible(
+                    view.map_T_camera, view.camera, self._settings.lift.max_range_m
+                )
+                lifted = lift(view, points, structure, self._settings.lift)
+            with _timed(ms, "fusion"):
+                self._memory.observe(view, lifted, self._rooms)
+
+        # 4. The graph, when its period is over.
+        delta = None
+        if frame.stamp_ns >= self._graph_due_ns:
+            delta = self._commit(frame.stamp_ns, ms)
+            self._graph_due_ns = frame.stamp_ns + round(self._settings.pace.graph_period_s * NS_PER_S)
+        return StepResult(update, delta, self._graph.snapshot(), ms)
+
+    def finish(self, stamp_ns: int) -> StepResult:
+        """Run every stage once more on all that was gathered: the end of a recording, or a clean stop."""
+        ms: dict[str, float] = {}
+        if self._plan_changed:
+            with _timed(ms, "rooms"):
+                self._segment_rooms()
+        delta = self._commit(stamp_ns, ms)
+        update = MapUpdate(0, stamp_ns, np.zeros(0, np.int32), 0.0, None, None)
+        return StepResult(update, delta, self._graph.snapshot(), ms)
+
+    def navigation_grid(self) -> tuple[GridFrame, NDArray[np.int8]]:
+        """Where a robot's body fits: int8 [H, W], -1 unknown, 0 free, 100 occupied."""
+        return self._mapper.navigation_grid()
+
+    def snapshot(self) -> GraphSnapshot:
+        """The graph as it stands."""
+        return self._graph.snapshot()
+
+    def arrays(self, instance_id: str) -> InstanceArrays | None:
+        """Points and embedding of an instance, or None if there is no such instance."""
+        return self._builder.arrays(instance_id)
+
+    def counters(self) -> dict[str, int]:
+        """Everything that was dropped, refused or evicted inside the stages, by name."""
+        return {**self._mapper.counters()}
+
+    def _segment_rooms(self) -> None:
+        points, normals = self._mapper.wall_points()
+        self._rooms = self._room_stage.update(self._mapper.plan_evidence(), points, normals)
+        self._plan_changed = False
+
+    def _commit(self, stamp_ns: int, ms: dict[str, float]) -> GraphDelta | None:
+        with _timed(ms, "fusion"):
+            instances = self._memory.collect(stamp_ns)
+        with _timed(ms, "graph"):
+            delta = self._builder.build(self._rooms, instances, stamp_ns)
+            if delta is not None:
+                self._graph.apply(delta)
+        return delta
+
+
+@contextmanager
+def _timed(stage_ms: dict[str, float], stage: str) -> Iterator[None]:
+    """Add the wall milliseconds of a block to its stage."""
+    start_ns = time.perf_counter_ns()
+    yield
+    stage_ms[stage] = stage_ms.get(stage, 0.0) + (time.perf_counter_ns() - start_ns) / 1e6
