@@ -1,0 +1,135 @@
+"""The map stage: one scan in, voxels, structure labels, floor and ceiling, occupancy and plan evidence out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.geometry import Pose, invert, transform
+from irsd.core.grid import GridFrame
+from irsd.core.settings import section, setting
+from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
+from irsd.mapping import frustum
+from irsd.mapping.occupancy import OccupancySettings, SliceGrid
+from irsd.mapping.structure import Levels, StructureSettings, WallLines, label_points, wall_band
+from irsd.mapping.voxels import VoxelMap, VoxelSettings
+
+
+@dataclass(frozen=True)
+class MappingSettings:
+    """Settings of the map stage."""
+
+    max_range_m: float = setting(25.0, "returns farther than this are ignored", lo=1.0, hi=300.0)
+    voxels: VoxelSettings = section(VoxelSettings)
+    occupancy: OccupancySettings = section(OccupancySettings)
+    structure: StructureSettings = section(StructureSettings)
+
+
+class Mapper:
+    """Owner of the map. Only the map thread calls it; what it returns is not written again."""
+
+    def __init__(self, settings: MappingSettings) -> None:
+        self.settings = settings
+        self.voxels = VoxelMap(settings.voxels)
+        self.grid = SliceGrid(settings.occupancy)
+        self.levels = Levels(settings.structure)
+        self.walls = WallLines(settings.structure, settings.occupancy.max_area_m2)
+        self._sweep = 0
+        self._scans = 0
+        self._ignored = 0
+
+    def integrate(self, frame: SyncedFrame) -> MapUpdate:
+        """Add one deskewed scan. Cost follows the scan, not the map."""
+        origin, base = frame.scan.origin_map, frame.map_T_base[:3, 3]
+        points = self._usable(frame.scan.points_map, origin)
+        touched = self.voxels.insert(points, origin, frame.scan.stamp_ns)
+        rows = touched.rows
+        mean, normals = self.voxels.mean[rows], self.voxels.normal[self.voxels.coarse_of(rows)]
+        self.levels.update(mean, normals, base, float(origin[2]))
+        self._learn_walls(mean, normals)
+        self._label(np.concatenate([rows, self._next_sweep()]), base)
+        changed = None
+        if len(points):
+            changed = self.grid.integrate(points, origin, self.levels.floor_z_m, self.levels.ceiling_z_m, self._scans)
+        self._scans += 1
+        return MapUpdate(frame.seq, frame.stamp_ns, rows, self.levels.floor_z_m, self.levels.ceiling_z_m, changed)
+
+    def _usable(self, points: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float32]:
+        """The finite points within max_range_m of the sensor."""
+        near = ((points - origin.astype(np.float32)) ** 2).sum(-1) < self.settings.max_range_m**2  # False for NaN
+        self._ignored += int(len(points) - near.sum())
+        return points[near]
+
+    def _learn_walls(self, mean: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
+        """Feed the upright surface near the ceiling to the wall lines and refit the tiles that were seen."""
+        low, high = wall_band(self.settings.structure, self.levels.floor_z_m, self.levels.ceiling_z_m)
+        upright = (np.abs(normals[:, 2]) < self.settings.structure.upright) & normals.any(-1)
+        upright &= (mean[:, 2] > low) & (mean[:, 2] < high)
+        self.walls.add(mean[upright], normals[upright])
+        self.walls.refit(mean)
+
+    def _next_sweep(self) -> NDArray[np.int32]:
+        """The next few voxels in turn: labels of places that are not seen again still learn from walls found later."""
+        end = self.voxels.row_count
+        count = min(self.settings.structure.sweep_rows, end)
+        rows = (self._sweep + np.arange(count, dtype=np.int64)) % max(end, 1)
+        self._sweep = int((self._sweep + count) % max(end, 1))
+        return np.asarray(rows[self.voxels.hits[rows] > 0], np.int32)
+
+    def _label(self, rows: NDArray[np.int32], base: NDArray[np.float64]) -> None:
+        points, normals = self.voxels.mean[rows], self.voxels.normal[self.voxels.coarse_of(rows)]
+        self.voxels.structure[rows] = label_points(
+            points, normals, self.levels, self.walls, base, self.settings.structure
+        )
+
+    # ------------------------------------------------------------------------------------------------ reading
+    def plan_evidence(self) -> PlanEvidence:
+        """The map from above, for room segmentation. Costs a pass over the grid."""
+        frame, layers = self.grid.layers()
+        return PlanEvidence(
+            frame,
+            layers["wall"],
+            layers["free"],
+            layers["low"],
+            layers["known"],
+            self.levels.floor_z_m,
+            self.levels.ceiling_z_m,
+        )
+
+    def wall_points(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Points [W, 3] and unit normals [W, 3] (towards where they were seen from) of the voxels labelled WALL."""
+        rows = np.flatnonzero(self.voxels.structure[: self.voxels.row_count] == Structure.WALL)
+        normals = self.voxels.normal[self.voxels.coarse_of(rows)]
+        known = normals.any(-1)
+        return self.voxels.mean[rows[known]], normals[known]
+
+    def visible(
+        self, map_T_camera: Pose, camera: CameraModel, max_range_m: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Voxel points [K, 3] in the camera's view up to max_range_m, and their structure [K]. Not tested for occlusion."""
+        camera_T_map = invert(map_T_camera)
+        view = frustum.view_of(camera, max_range_m)
+        slots, centres = self.voxels.block_centres()
+        radius = 8 * self.settings.voxels.voxel_m * np.sqrt(3) / 2
+        rows = self.voxels.rows_of_blocks(slots[view.holds(transform(camera_T_map, centres), radius)])
+        points = self.voxels.mean[rows]
+        rows = rows[view.holds(transform(camera_T_map, points), 0.0)]
+        return self.voxels.mean[rows], self.voxels.structure[rows]
+
+    def navigation_grid(self) -> tuple[GridFrame, NDArray[np.int8]]:
+        """(frame, int8 [H, W]) at the robot's height: 100 occupied, 0 free, -1 unknown. Costs a pass over the grid."""
+        return self.grid.navigation()
+
+    def counters(self) -> dict[str, int]:
+        """What was kept, forgotten and refused since the start."""
+        return {
+            "scans": self._scans,
+            "voxels": len(self.voxels),
+            "voxels_evicted": self.voxels.evicted,
+            "voxels_refused": self.voxels.refused,
+            "points_ignored": self._ignored,
+            "points_off_grid": self.grid.points_refused,
+            "grid_growth_refused": self.grid.area.refused,
+        }

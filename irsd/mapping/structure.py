@@ -1,0 +1,225 @@
+"""What is floor, ceiling and wall, from geometry alone.
+
+Floor and ceiling heights come from a fading histogram of near-horizontal surface around the robot. Walls are the lines, seen
+from above, that vertical surface forms just below the ceiling (furniture and pictures do not reach there); a voxel is WALL
+at any height when it lies within a few centimetres of such a line and faces the same way. So a television 5 cm in front of
+its wall, or a wardrobe that ends below the ceiling, stays OTHER.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.settings import setting
+from irsd.core.types import Structure
+from irsd.mapping import kernels
+from irsd.mapping.occupancy import PlanArea
+
+_BIN_M = 0.02
+_BINS = 800  # heights within +-8 m of where the robot was first seen
+_SECTORS = 8  # wall directions of 45 degrees, signed: the two faces of a thin wall stay apart
+_TILE_M = 0.2
+_REACH = 2  # tiles on each side of a wall fit: a window of 1 m
+
+
+@dataclass(frozen=True)
+class StructureSettings:
+    """Settings of the structure labels."""
+
+    radius_m: float = setting(5.0, "floor and ceiling are measured within this distance of the robot", lo=1.0, hi=50.0)
+    horizontal: float = setting(0.9, "|n_z| from which surface is horizontal", lo=0.5, hi=1.0)
+    upright: float = setting(0.35, "|n_z| up to which surface is upright", lo=0.0, hi=0.9)
+    level_tolerance_m: float = setting(0.06, "surface this near to floor or ceiling belongs to it", lo=0.01, hi=0.5)
+    slope: float = setting(0.01, "tolerance that is added per metre of distance from the robot", lo=0.0, hi=0.2)
+    min_ceiling_m: float = setting(1.9, "ceilings are at least this high above the floor", lo=1.0, hi=10.0)
+    wall_band_m: float = setting(0.6, "walls are measured from this far below the ceiling", lo=0.1, hi=2.0)
+    wall_min_height_m: float = setting(1.8, "but never lower than this above the floor", lo=0.5, hi=5.0)
+    wall_distance_m: float = setting(0.03, "voxels within this distance of a wall's line are wall", lo=0.005, hi=0.2)
+    wall_length_m: float = setting(0.5, "shortest stretch of line (in a 1 m window) that is a wall", lo=0.1, hi=1.0)
+    wall_spread_m: float = setting(0.035, "standard deviation across a wall's line at most", lo=0.005, hi=0.2)
+    refit_scans: int = setting(8, "a wall tile is fitted again after this many scans", lo=1, hi=1000)
+    sweep_rows: int = setting(4096, "voxels per scan, in turn, whose label is brought up to date", lo=0, hi=1_000_000)
+
+
+class Levels:
+    """Floor and ceiling near the robot. floor_z_m is the robot's own base height until surface has been seen."""
+
+    def __init__(self, settings: StructureSettings) -> None:
+        self._settings = settings
+        self._histogram = np.zeros(_BINS)
+        self._base_m: float | None = None
+        self.floor_z_m = 0.0
+        self.ceiling_z_m: float | None = None
+
+    def update(
+        self, points: NDArray[np.float32], normals: NDArray[np.float32], base: kernels.Floats, sensor_z_m: float
+    ) -> None:
+        """points [C, 3], normals [C, 3] of the surface cells just seen; base [3] is the robot's position."""
+        if self._base_m is None:
+            self._base_m = float(base[2]) - _BIN_M * _BINS / 2
+            self.floor_z_m = float(base[2])
+        near = np.linalg.norm(points[:, :2] - base[:2], axis=-1) < self._settings.radius_m
+        z = points[near & (np.abs(normals[:, 2]) > self._settings.horizontal), 2]
+        bins = np.floor((z - self._base_m) / _BIN_M).astype(np.int64)
+        bins = bins[(bins >= 0) & (bins < _BINS)]
+        # 0.97 per scan: about the last 30 scans, which is the present room and not the last floor of the building.
+        self._histogram = 0.97 * self._histogram + np.bincount(bins, minlength=_BINS)
+        sensor_bin = int((sensor_z_m - self._base_m) / _BIN_M)
+        floor = self._level(0, sensor_bin - 5, lowest=True)
+        self.floor_z_m = floor if floor is not None else self.floor_z_m
+        start = max(sensor_bin + 5, int((self.floor_z_m + self._settings.min_ceiling_m - self._base_m) / _BIN_M))
+        ceiling = self._level(start, _BINS, lowest=False)
+        self.ceiling_z_m = ceiling if ceiling is not None else self.ceiling_z_m
+
+    def _level(self, start: int, end: int, *, lowest: bool) -> float | None:
+        """Height of the lowest (or highest) strong peak among bins start..end, refined over +-3 bins; None if there is none."""
+        start, end = max(start, 0), min(end, _BINS)
+        if end - start < 8 or self._base_m is None:
+            return None
+        part = self._histogram[start:end]
+        smooth = np.convolve(part, np.ones(5), mode="same")
+        # Weaker levels (a table, a bed) are not the floor; 0.4 of the strongest leaves room for a floor mostly hidden.
+        strong = np.flatnonzero(smooth >= max(0.4 * smooth.max(), 20.0))
+        if not len(strong):
+            return None
+        edge = strong[0] if lowest else strong[-1]
+        near = slice(max(edge - 6, 0), edge + 7)
+        peak = near.start + int(smooth[near].argmax())
+        window = slice(max(peak - 3, 0), peak + 4)
+        weights = part[window]
+        bins = np.arange(window.start, window.start + len(weights))
+        return float(self._base_m + (start + (bins * weights).sum() / weights.sum() + 0.5) * _BIN_M)
+
+
+class WallLines:
+    """Wall lines by plan tile of 0.2 m and by the sector that the wall faces."""
+
+    def __init__(self, settings: StructureSettings, max_area_m2: float) -> None:
+        self._settings = settings
+        self.area = PlanArea(_TILE_M, max_area_m2)
+        self._moments = np.zeros((0, 0, _SECTORS, 6))
+        self._fits = np.zeros((0, 0, _SECTORS, 4), np.float32)  # n_x, n_y, offset (n . xy), 1 = valid
+        self._fitted = np.zeros((0, 0), np.int64)
+        self._clock = 0
+
+    def add(self, points: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
+        """Upright surface near the ceiling: points [N, 3], normals [N, 3] towards the side it was seen from."""
+        if not len(points):
+            return
+        self._cover(points)
+        cells = self.area.cells_of(points)
+        inside = (cells >= 0).all(-1) & (cells < self.area.shape).all(-1)
+        cells, xy, normals = cells[inside], points[inside, :2].astype(np.float64), normals[inside]
+        sector = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi / _SECTORS)).astype(np.int64) % _SECTORS
+        place = (cells[:, 0] * self.area.shape[1] + cells[:, 1]) * _SECTORS + sector
+        unique, group = np.unique(place, return_inverse=True)
+        x, y = xy.T
+        columns = (None, x, y, x * x, x * y, y * y)
+        sums = np.stack([np.bincount(group, weights=c, minlength=len(unique)) for c in columns], -1)
+        flat = self._moments.reshape(-1, 6)
+        # Old evidence fades when plenty is there, so that a wall follows the odometry's drift.
+        flat[unique] = flat[unique] * np.where(flat[unique, :1] > 300, 0.5, 1.0) + sums
+
+    def refit(self, points: NDArray[np.float32]) -> None:
+        """Fit the lines of the tiles that hold these points, each tile at most once in refit_scans calls."""
+        self._clock += 1
+        if not len(points) or not self._moments.size:
+            return
+        cells = self.area.cells_of(points)
+        cells = cells[(cells >= 0).all(-1) & (cells < self.area.shape).all(-1)]
+        flat = np.unique(cells[:, 0] * self.area.shape[1] + cells[:, 1])
+        row, col = flat // self.area.shape[1], flat % self.area.shape[1]
+        fitted = self._fitted[row, col]
+        due = (fitted == 0) | (self._clock - fitted >= self._settings.refit_scans)
+        row, col = row[due], col[due]
+        if not len(row):
+            return
+        self._fitted[row, col] = self._clock
+        step = np.arange(-_REACH, _REACH + 1)
+        rows, cols = row[:, None, None] + step[:, None], col[:, None, None] + step
+        rows, cols = np.broadcast_arrays(rows, cols)
+        inside = (rows >= 0) & (cols >= 0) & (rows < self.area.shape[0]) & (cols < self.area.shape[1])
+        gathered = self._moments[np.where(inside, rows, 0), np.where(inside, cols, 0)]
+        window = (gathered * inside[..., None, None]).sum((1, 2))
+        window = window + np.roll(window, 1, 1) + np.roll(window, -1, 1)
+        self._fits[row, col] = self._lines(window.reshape(-1, 6)).reshape(len(row), _SECTORS, 4)
+
+    def _lines(self, moments: kernels.Floats) -> NDArray[np.float32]:
+        normal, mean, variance = kernels.line_fits(moments)
+        sector = np.arange(len(moments)) % _SECTORS * (2 * np.pi / _SECTORS)
+        facing = normal[:, 0] * np.cos(sector) + normal[:, 1] * np.sin(sector)
+        normal = np.where(facing[:, None] < 0, -normal, normal)
+        length, spread = np.sqrt(12 * variance[:, 1]), np.sqrt(variance[:, 0])
+        valid = (moments[:, 0] >= 20) & (length >= self._settings.wall_length_m)
+        valid &= (spread <= self._settings.wall_spread_m) & (np.abs(facing) > 0.7)
+        return np.concatenate([normal, (normal * mean).sum(-1, keepdims=True), valid[:, None]], -1).astype(np.float32)
+
+    def near(self, points: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """[N] True where points [N, 3] lie in a wall's line; a point with a normal (non-zero) must face as the wall does."""
+        result = np.zeros(len(points), np.bool_)
+        cells = self.area.cells_of(points)
+        inside = np.flatnonzero((cells >= 0).all(-1) & (cells < self.area.shape).all(-1))
+        if not len(inside):
+            return result
+        fits = self._fits[cells[inside, 0], cells[inside, 1]]
+        some = fits[..., 3].any(-1)
+        inside, fits = inside[some], fits[some]
+        xy, normal = points[inside, :2], normals[inside]
+        distance = np.abs(fits[..., 0] * xy[:, :1] + fits[..., 1] * xy[:, 1:] - fits[..., 2])
+        facing = fits[..., 0] * normal[:, :1] + fits[..., 1] * normal[:, 1:2]
+        unknown = ~normal.any(-1, keepdims=True)
+        good = (fits[..., 3] > 0) & (distance <= self._settings.wall_distance_m) & (unknown | (facing > 0.8))
+        result[inside] = good.any(-1)
+        return result
+
+    def _cover(self, points: NDArray[np.float32]) -> None:
+        padding = self.area.cover(points[:, :2].min(0), points[:, :2].max(0))
+        if padding is None:
+            return
+        top, bottom, left, right = padding
+        plan = ((top, bottom), (left, right))
+        self._moments = np.pad(self._moments, (*plan, (0, 0), (0, 0)))
+        self._fits = np.pad(self._fits, (*plan, (0, 0), (0, 0)))
+        self._fitted = np.pad(self._fitted, plan)
+
+
+def wall_band(settings: StructureSettings, floor_z_m: float, ceiling_z_m: float | None) -> tuple[float, float]:
+    """Heights (map z) between which upright surface tells where walls are."""
+    if ceiling_z_m is None:
+        return floor_z_m + settings.wall_min_height_m, floor_z_m + settings.wall_min_height_m + 0.8
+    top = ceiling_z_m - 0.08
+    # Above 2.3 m nothing but structure stands, however high the ceiling is.
+    start = min(max(top - settings.wall_band_m, floor_z_m + settings.wall_min_height_m), floor_z_m + 2.3)
+    return start, top
+
+
+def label_points(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    levels: Levels,
+    walls: WallLines,
+    base: kernels.Floats,
+    settings: StructureSettings,
+) -> NDArray[np.uint8]:
+    """Structure labels [N] of surface points [N, 3] with normals [N, 3] (zero = not known)."""
+    labels = np.full(len(points), Structure.OTHER, np.uint8)
+    known = normals.any(-1)
+    level = np.abs(normals[:, 2])
+    distance = np.linalg.norm(points[:, :2] - base[:2].astype(np.float32), axis=-1)
+    tolerance = settings.level_tolerance_m + settings.slope * distance
+    upright = np.flatnonzero(level <= settings.upright)
+    labels[upright[walls.near(points[upright], normals[upright])]] = Structure.WALL
+    flat = level >= settings.horizontal
+    height = points[:, 2] - np.float32(levels.floor_z_m)
+    # Without a normal only what is hardly above the floor counts, so that feet of furniture stay things.
+    floor = (flat & (np.abs(height) < tolerance)) | (~known & (height < 0.5 * tolerance)) | (height < -tolerance)
+    labels[floor] = Structure.FLOOR
+    if levels.ceiling_z_m is not None:
+        below = np.float32(levels.ceiling_z_m) - points[:, 2]
+        labels[(flat & (below < tolerance)) | (~known & (below < 0.5 * tolerance)) | (below < -tolerance)] = (
+            Structure.CEILING
+        )
+    return labels
