@@ -1,0 +1,257 @@
+"""Where free space could be cut into rooms: straight cuts from corner to wall, each with what speaks for it.
+
+A cut starts at a corner that juts into free space (a door jamb, the end of a wall) and runs to another such corner, to the
+nearest point of a wall opposite, or straight on along the wall it ends. Everything here is in cells of one grid: points are
+(x, y) = (column, row) of cell centres. Pure functions over arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+FloatArray = NDArray[np.float64]
+
+# Rays around a corner: fine enough that a local minimum of their length is the foot of the perpendicular within a cell or two.
+_RAYS = 96
+_MIN_TURN_RAD = np.radians(25.0)  # a boundary that turns less is a curved wall or noise, not a jamb
+_TAUT = 0.77  # a cut that leaves a wall at less than 50 degrees is not the way across
+_NEIGHBOURS = 8  # corners tried as the other end of a cut, nearest first
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """Corners that jut into free space. at: float64 [N, 2]; along: float64 [N, 2, 2], unit vectors that continue its two
+    walls past the corner; wall_length: float64 [N, 2], how long each of those walls is."""
+
+    at: FloatArray
+    along: FloatArray
+    wall_length: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Cuts:
+    """Candidate cuts. ends: float64 [N, 2, 2] cell centres; width: float64 [N], cells between the walls at both ends;
+    ratio: float64 [N], width / width of free space behind it on its narrower side, both along the cut (1 = no constriction)."""
+
+    ends: FloatArray
+    width: FloatArray
+    ratio: FloatArray
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Cuts:
+        """The cuts at ``index``."""
+        return Cuts(self.ends[index], self.width[index], self.ratio[index])
+
+
+def clearance(space: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """float32 [H, W]: cells to the nearest cell that is not space (0 there). Outside the grid nothing is space."""
+    padded = np.pad(space, 1).astype(np.uint8)
+    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1], np.float32)
+
+
+def free_length(dist: NDArray[np.float32], start: FloatArray, direction: FloatArray, limit: float) -> FloatArray:
+    """How far rays run in free space, in cells: float64 [N], at most ``limit``.
+
+    start, direction: [N, 2] (x, y), unit directions. Sphere tracing on ``clearance``: a step never leaves the free disc.
+    """
+    height, width = dist.shape
+    length = np.zeros(len(start))
+    active = np.arange(len(start))
+    while len(active):
+        at = np.rint(start[active] + direction[active] * length[active, None]).astype(np.int64)
+        x, y = at[:, 0], at[:, 1]
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        here = np.where(inside, dist[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)], 0.0)
+        free = here > 0
+        active, here = active[free], here[free]
+        # A cell's clearance is measured from its centre, up to 0.71 cells from the ray.
+        length[active] += np.maximum(here - 1.0, 0.5)
+        active = active[length[active] < limit]
+    return np.minimum(length, limit)
+
+
+def find_corners(space: NDArray[np.bool_], solid: NDArray[np.bool_], tolerance: float) -> Corners:
+    """Corners of free space that jut into it and stand on something solid.
+
+    space, solid: bool [H, W]; solid marks cells near structure, so that the frontier of what was seen has no corners.
+    tolerance: cells by which an outline may be simplified.
+    """
+    at, along, length = [], [], []
+    contours, _ = cv2.findContours(space.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    for contour in contours:
+        if len(contour) < 4:
+            continue
+        points = cv2.approxPolyDP(contour, tolerance, True)[:, 0].astype(np.float64)
+        if len(points) < 3:
+            continue
+        before = points - np.roll(points, 1, axis=0)
+        after = np.roll(points, -1, axis=0) - points
+        size_in, size_out = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+        turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], (before * after).sum(1))
+        # OpenCV runs outlines with the inside at the same hand for outer borders and holes: a turn of this sign juts in.
+        juts = turn > _MIN_TURN_RAD
+        at.append(points[juts])
+        along.append(np.stack([before / size_in[:, None], -after / size_out[:, None]], axis=1)[juts])
+        length.append(np.stack([size_in, size_out], axis=1)[juts])
+    if not at:
+        return Corners(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)))
+    corner = np.concatenate(at)
+    cell = corner.astype(np.int64)
+    stands = solid[cell[:, 1], cell[:, 0]]
+    return Corners(corner[stands], np.concatenate(along)[stands], np.concatenate(length)[stands])
+
+
+def _perpendicular(corners: Corners, dist: NDArray[np.float32], shortest: float, longest: float) -> FloatArray:
+    """Cuts to the wall opposite: rays whose length is a local minimum over the direction. Ends [K, 2, 2]."""
+    count = len(corners.at)
+    angle = 2 * np.pi * np.arange(_RAYS) / _RAYS
+    direction = np.tile(np.stack([np.cos(angle), np.sin(angle)], 1), (count, 1))
+    start = np.repeat(corners.at, _RAYS, axis=0)
+    length = free_length(dist, start, direction, longest + 2).reshape(count, _RAYS)
+    smaller = (length <= np.roll(length, 1, 1)) & (length <= np.roll(length, -1, 1))
+    # Of a plateau only its first ray; and a true minimum within +-4 rays.
+    first = length < np.roll(length, 1, 1)
+    wide = np.min([np.roll(length, k, 1) for k in range(-4, 5)], axis=0)
+    good = smaller & first & (length <= wide) & (length >= shortest) & (length <= longest)
+    row, ray = np.nonzero(good)
+    begin = corners.at[row]
+    reach = np.maximum(length[row, ray] - 1.0, 0.0)
+    end = begin + np.stack([np.cos(angle[ray]), np.sin(angle[ray])], 1) * reach[:, None]
+    return np.stack([begin, end], axis=1)
+
+
+def _extensions(
+    corners: Corners, dist: NDArray[np.float32], shortest: float, longest: float, wall: float
+) -> FloatArray:
+    """Cuts that continue a wall (at least ``wall`` cells long) past its corner. Ends [K, 2, 2]."""
+    row, side = np.nonzero(corners.wall_length >= wall)
+    direction, begin = corners.along[row, side], corners.at[row]
+    length = free_length(dist, begin + direction, direction, longest + 2) + 1.0
+    good = (length >= shortest) & (length <= longest)
+    end = begin + direction * np.maximum(length - 1.0, 0.0)[:, None]
+    return np.stack([begin, end], axis=1)[good]
+
+
+def _between(corners: Corners, dist: NDArray[np.float32], shortest: float, longest: float) -> FloatArray:
+    """Cuts from corner to corner in sight of each other. Ends [K, 2, 2]."""
+    if len(corners.at) < 2:
+        return np.zeros((0, 2, 2))
+    tree = cKDTree(corners.at)
+    near = min(_NEIGHBOURS + 1, len(corners.at))
+    far, other = tree.query(corners.at, k=near, distance_upper_bound=longest)
+    mine, column = np.nonzero(np.isfinite(far) & (far >= shortest))
+    theirs = other[mine, column]
+    keep = mine < theirs
+    begin, end = corners.at[mine[keep]], corners.at[theirs[keep]]
+    size = np.linalg.norm(end - begin, axis=1)
+    direction = (end - begin) / size[:, None]
+    seen = free_length(dist, begin, direction, longest + 2) >= size - 1.0
+    return np.stack([begin, end], axis=1)[seen]
+
+
+def _ratio(ends: FloatArray, width: FloatArray, dist: NDArray[np.float32], depths: FloatArray) -> FloatArray:
+    """Width of each cut / width of free space behind it, the narrower side counting. inf where nothing is behind."""
+    count = len(ends)
+    middle = ends.mean(1)
+    tangent = ends[:, 1] - ends[:, 0]
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    limit = float(depths[-1]) * 8
+    narrow = np.full(count, np.inf)
+    for hand in (normal, -normal):
+        reach = free_length(dist, middle, hand, float(depths[-1]) + 1)
+        start = (middle[:, None] + hand[:, None] * depths[:, None]).reshape(-1, 2)
+        along = np.repeat(tangent, len(depths), axis=0)
+        across = free_length(dist, start, along, limit) + free_length(dist, start, -along, limit)
+        behind = np.where(reach[:, None] >= depths, across.reshape(count, -1), 0.0).max(1)
+        narrow = np.minimum(narrow, behind)
+    return np.asarray(np.where(narrow > 0, width / np.maximum(narrow, 1e-9), np.inf))
+
+
+def _tautness(ends: FloatArray, dist: NDArray[np.float32], reach: float) -> FloatArray:
+    """How much a cut looks like the shortest way across, near its ends: 1 = no wall is nearer than the end it leaves, sin(a) =
+    it leaves a wall at the angle a. Looks up to ``reach`` cells from each end, and never past the middle."""
+    size = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    tangent = (ends[:, 1] - ends[:, 0]) / size[:, None]
+    worst = np.ones(len(ends))
+    for part in np.linspace(0.3, 1.0, 6):
+        step = part * np.minimum(size / 2, reach)
+        for at in (ends[:, 0] + tangent * step[:, None], ends[:, 1] - tangent * step[:, None]):
+            cell = np.rint(at).astype(np.int64)
+            # The end is the last free cell: the wall is a cell behind it.
+            worst = np.minimum(worst, (dist[cell[:, 1], cell[:, 0]] + 0.3) / (step + 1.0))
+    return np.asarray(worst)
+
+
+def find_cuts(
+    dist: NDArray[np.float32],
+    corners: Corners,
+    *,
+    shortest: float,
+    longest: float,
+    wall: float,
+    reach: float,
+    depths: FloatArray,
+) -> Cuts:
+    """All candidate cuts of free space between ``shortest`` and ``longest`` cells.
+
+    dist: ``clearance`` of the space. wall: the least length of a wall that is worth extending.
+    depths: float64 [D] ascending, how far behind a cut the width of free space is measured.
+    """
+    if not len(corners.at):
+        return Cuts(np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
+    ends = np.concatenate(
+        [
+            _between(corners, dist, shortest, longest),
+            _perpendicular(corners, dist, shortest, longest),
+            _extensions(corners, dist, shortest, longest, wall),
+        ]
+    )
+    size = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    ends, size = ends[size >= 1], size[size >= 1]
+    taut = _tautness(ends, dist, reach) >= _TAUT
+    ends, size = ends[taut], size[taut]
+    width = size + 1.0  # from wall to wall: half a cell more at both ends
+    return Cuts(ends, width, _ratio(ends, width, dist, depths))
+
+
+def without_crossings(cuts: Cuts, near: float) -> Cuts:
+    """The best cuts (least ratio, then least width) of which no two cross or share both ends within ``near`` cells."""
+    order = np.lexsort((cuts.ends[:, 0, 1], cuts.ends[:, 0, 0], cuts.width, np.round(cuts.ratio, 2)))
+    kept = np.empty((len(order), 2, 2))
+    chosen: list[int] = []
+    for i in order:
+        ends = cuts.ends[i]
+        others = kept[: len(chosen)]
+        if not (_crosses(ends, others).any() or _same(ends, others, near).any()):
+            kept[len(chosen)] = ends
+            chosen.append(int(i))
+    return cuts.take(np.array(chosen, np.intp))
+
+
+def _crosses(ends: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
+    """[K] True where the segment crosses the others' insides (touching at an end is not crossing)."""
+    a, b = ends
+    c, d = others[:, 0], others[:, 1]
+
+    def hand(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
+        u, v = q - p, r - p
+        return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+
+    # A margin of one cell: ends that meet on the same corner do not cross.
+    size, sizes = np.hypot(*(b - a)), np.hypot(*(d - c).T)
+    one, two = hand(a, b, c) / size, hand(a, b, d) / size
+    three, four = hand(c, d, a) / sizes, hand(c, d, b) / sizes
+    apart = (np.minimum(np.abs(one), np.abs(two)) > 1.0) & (np.minimum(np.abs(three), np.abs(four)) > 1.0)
+    return np.asarray((one * two < 0) & (three * four < 0) & apart)
+
+
+def _same(ends: FloatArray, others: FloatArray, near: float) -> NDArray[np.bool_]:
+    """[K] True where both ends lie within ``near`` cells of the other's ends."""
+    straight = np.linalg.norm(others - ends, axis=2).max(1, initial=0.0) if len(others) else np.zeros(0)
+    swapped = np.linalg.norm(others[:, ::-1] - ends, axis=2).max(1, initial=0.0) if len(others) else np.zeros(0)
+    return np.asarray(np.minimum(straight, swapped) < near)
