@@ -1,0 +1,165 @@
+"""ROS 2 messages as CDR bytes: reading, writing, type hashes and definitions. The only module that imports rosbags.
+
+Bytes from the network are not trusted. A message must hold what its lengths promise, so a lying length field costs neither
+time nor memory; whatever does not fit is a ``DecodeError`` that names the type. ``read`` copies nothing: arrays in a message
+are read-only views of the bytes.
+
+The few messages that both irsd and nav_bridge speak have their typed pair here (odometry in, path and goal out).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_typestore
+from rosbags.typesys.store import Typestore
+
+from irsd.core.errors import DecodeError
+from irsd.core.types import OdomSample
+
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+POINT_FIELD = "sensor_msgs/msg/PointField"
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+PATH = "nav_msgs/msg/Path"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+
+_MAX_STAMP_S = 2**31 - 1  # builtin_interfaces/msg/Time has int32 seconds
+
+
+@cache
+def _store() -> Typestore:
+    """The message types of ROS 2 Humble; those used here are the same in every later release, hashes included."""
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+# ------------------------------------------------------------------------------------------------------ any message
+def read(cdr: bytes | memoryview, type_name: str) -> Any:
+    """The rosbags message of type ``type_name`` (``pkg/msg/Type``) in CDR bytes, either byte order.
+
+    Sequences of numbers become numpy arrays that view ``cdr``. Raises DecodeError when the bytes can't be such a message:
+    no CDR header, a length beyond the end, text that is not UTF-8, bytes left over.
+    """
+    if type_name not in _store().fielddefs:
+        raise DecodeError(f"{type_name}: unknown message type")
+    try:
+        return _store().deserialize_cdr(memoryview(cdr), type_name)
+    except (SerdeError, TypesysError, struct.error, ValueError, IndexError, TypeError, OverflowError) as error:
+        raise DecodeError(f"{type_name}, {len(cdr)} bytes: {error}") from error
+
+
+def write(message: Any) -> bytes:
+    """CDR bytes (little endian, with the 4-byte header) of a rosbags message. Raises ValueError for values out of range."""
+    try:
+        return bytes(_store().serialize_cdr(message, message.__msgtype__, little_endian=True))
+    except (SerdeError, struct.error, TypeError) as error:
+        raise ValueError(f"{message.__msgtype__}: {error}") from error
+
+
+def make(type_name: str, **fields: Any) -> Any:
+    """A rosbags message of type ``type_name``. Every field must be given."""
+    return _store().types[type_name](**fields)
+
+
+def type_hash(type_name: str) -> str:
+    """``RIHS01_...`` of a message type, as rmw_zenoh puts it into its keys."""
+    return str(_store().hash_rihs01(type_name))
+
+
+def message_definition(type_name: str) -> str:
+    """The text of a message type with all it contains, as MCAP's ``ros2msg`` schemas hold it."""
+    return str(_store().generate_msgdef(type_name, ros_version=2)[0])
+
+
+# ------------------------------------------------------------------------------------------------------ common parts
+def stamp_of(header: Any) -> int:
+    """A header's stamp in nanoseconds. Raises DecodeError for a stamp before the epoch or with a full second of nanoseconds."""
+    sec, nanosec = int(header.stamp.sec), int(header.stamp.nanosec)
+    if sec < 0 or nanosec >= 1_000_000_000:
+        raise DecodeError(f"stamp {sec} s + {nanosec} ns is not a time")
+    return sec * 1_000_000_000 + nanosec
+
+
+def frame_of(frame_id: str) -> str:
+    """A frame name as tf2 wants it: without the leading slash that old drivers still send."""
+    return frame_id.lstrip("/")
+
+
+def make_header(stamp_ns: int, frame_id: str) -> Any:
+    """std_msgs/msg/Header. Raises ValueError for a stamp that its 32-bit seconds can't hold."""
+    if not 0 <= stamp_ns <= _MAX_STAMP_S * 1_000_000_000:
+        raise ValueError(f"stamp {stamp_ns} ns does not fit a ROS header")
+    sec, nanosec = divmod(int(stamp_ns), 1_000_000_000)
+    stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+
+
+def make_pose_message(position_m: Sequence[float] | np.ndarray, quat_xyzw: Sequence[float] | np.ndarray) -> Any:
+    """geometry_msgs/msg/Pose."""
+    x, y, z = map(float, position_m)
+    qx, qy, qz, qw = map(float, quat_xyzw)
+    return make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+
+
+def quat_of(message: Any, what: str) -> np.ndarray:
+    """Unit quat_xyzw float64 [4] of a geometry_msgs quaternion. Raises DecodeError when it has no direction."""
+    quat = np.array([message.x, message.y, message.z, message.w], np.float64)
+    with np.errstate(over="ignore"):
+        norm = float(np.linalg.norm(quat))
+    if not 0.5 < norm < 2.0:  # also false for NaN; a rotation that far from unit length is not rounding
+        raise DecodeError(f"{what}: quaternion {quat.tolist()} is not a rotation")
+    return quat / norm
+
+
+def vector_of(message: Any, what: str) -> np.ndarray:
+    """float64 [3] of a geometry_msgs point or vector. Raises DecodeError when it is not finite or farther than Earth is wide."""
+    vector = np.array([message.x, message.y, message.z], np.float64)
+    if not (np.abs(vector) < 1e8).all():
+        raise DecodeError(f"{what}: position {vector.tolist()} is not a place")
+    return vector
+
+
+# ------------------------------------------------------------------------------------------------------ typed pairs
+def decode_odometry(cdr: bytes | memoryview) -> OdomSample:
+    """nav_msgs/msg/Odometry. Raises DecodeError for bytes, pose or frames that can't be."""
+    message = read(cdr, ODOMETRY)
+    pose = message.pose.pose
+    child = frame_of(message.child_frame_id)
+    if not child:
+        raise DecodeError("odometry: child_frame_id is empty, so it is unknown what moved")
+    return OdomSample(
+        stamp_ns=stamp_of(message.header),
+        frame_id=frame_of(message.header.frame_id),
+        child_frame_id=child,
+        position_m=vector_of(pose.position, "odometry"),
+        quat_xyzw=quat_of(pose.orientation, "odometry"),
+    )
+
+
+def _pose_stamped(stamp_ns: int, frame_id: str, xy_yaw: tuple[float, float, float]) -> Any:
+    x, y, yaw = xy_yaw
+    pose = make_pose_message((x, y, 0.0), (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)))
+    return make(POSE_STAMPED, header=make_header(stamp_ns, frame_id), pose=pose)
+
+
+def encode_pose_stamped(stamp_ns: int, frame_id: str, xy_yaw: tuple[float, float, float]) -> bytes:
+    """geometry_msgs/msg/PoseStamped on the floor: (x, y) metres, yaw radians."""
+    return write(_pose_stamped(stamp_ns, frame_id, xy_yaw))
+
+
+def encode_path(stamp_ns: int, frame_id: str, waypoints: Sequence[tuple[float, float, float]]) -> bytes:
+    """nav_msgs/msg/Path of (x, y, yaw) waypoints; no waypoints is a path too (it means stop)."""
+    poses = [_pose_stamped(stamp_ns, frame_id, waypoint) for waypoint in waypoints]
+    return write(make(PATH, header=make_header(stamp_ns, frame_id), poses=poses))
