@@ -17,6 +17,8 @@ from irsd.models import MINILM_VOCABULARY, MINILM_WEIGHTS
 from irsd.perception.aliases import AliasTable
 from irsd.perception.models import Session, packaged_path
 
+__all__ = ["DIMENSION", "AliasTable", "LabelEncoder", "TextEncoder"]
+
 DIMENSION = 384
 MAX_TOKENS = 128  # what the model was trained with; longer texts are cut
 CACHE_SIZE = 8192  # 12 MB at most: a site has some hundreds of names
