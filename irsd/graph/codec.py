@@ -47,7 +47,7 @@ _NODE_OF_LETTER: Mapping[str, type[Any]] = types.MappingProxyType(
 )
 
 _HINTS: Mapping[type[Any], dict[str, Any]] = types.MappingProxyType(
-    {kind: typing.get_type_HINTS[kind] for kind in _NAMES}
+    {kind: typing.get_type_hints(kind) for kind in _NAMES}
 )
 _DTYPES = frozenset(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64))
 _DTYPES |= {"float16", "float32", "float64", "bool"}
