@@ -1,0 +1,264 @@
+"""From numbered masks in a picture to masks of map points: projection, occlusion, uncertain edges, structure, floating points.
+
+Kernels: pure functions over arrays, no state. The depth of a pixel is that of the LiDAR map: its voxels are drawn into a
+coarse depth image as squares of their own size, and a voxel counts as seen when it is not behind what is drawn there.
+
+Floating points are removed by connected components of occupied cells (edge ``link_m``, 26 neighbours). That equals DBSCAN with
+min_pts = 1 and a Chebyshev radius between one and two cells; density plays no part because map points are voxels already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from irsd.core.geometry import Pose, invert, transform
+from irsd.core.settings import setting
+from irsd.core.types import CameraModel, CameraView, Detections, Structure
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_NEAR_M = 0.15  # closer points are the robot itself
+_KEY_SPAN = 1 << 21  # cells per axis that a packed key can hold
+_HALF_NEIGHBOURS = np.array(
+    [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) > (0, 0, 0)]
+)
+
+
+@dataclass(frozen=True)
+class LiftSettings:
+    """Settings of lifting masks to 3D."""
+
+    max_range_m: float = setting(8.0, "map points farther from the camera are not used", lo=0.5, hi=100.0)
+    cell_px: int = setting(4, "edge of a cell of the depth image in pixels of the picture", lo=1, hi=32)
+    splat_m: float = setting(0.06, "edge of the square that a map point covers in the depth image", lo=0.0, hi=0.5)
+    depth_tolerance_m: float = setting(0.10, "a point this far behind the drawn surface is still seen", lo=0.0, hi=2.0)
+    edge_px: float = setting(4.0, "points nearer than this to a mask's edge are uncertain", lo=0.0, hi=50.0)
+    edge_share: float = setting(0.35, "never more of a mask's half width than this is uncertain", lo=0.0, hi=1.0)
+    flat_share: float = setting(
+        0.7, "a mask with this share of wall, floor or ceiling points is a flat thing", lo=0.0, hi=1.0
+    )
+    link_m: float = setting(0.10, "edge of the cells whose touching joins points", lo=0.01, hi=1.0)
+    keep_share: float = setting(
+        0.2, "parts smaller than this share of the largest part are floating points", lo=0.0, hi=1.0
+    )
+    min_points: int = setting(3, "masks with fewer points are not lifted", lo=1, hi=1000)
+
+
+@dataclass(frozen=True, slots=True)
+class LiftedMask:
+    """One detection as map points: points_map float32 [n, 3]; flat = it lies within a structure's plane.
+
+    labels: (name, score) best first; embedding: float32 [D] unit length as the detector gave it, or None.
+    """
+
+    number: int
+    points_map: Floats
+    labels: tuple[tuple[str, float], ...]
+    score: float
+    embedding: Floats | None
+    flat: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LiftedView:
+    """All lifted masks of one picture, in the order of their numbers, and what else was certainly seen.
+
+    seen_map: float32 [V, 3], the map points that the camera saw away from uncertain mask edges, in a mask or not: where a
+    known instance is absent from its mask, this is the evidence against it. Iterating gives the masks.
+    """
+
+    stamp_ns: int
+    masks: tuple[LiftedMask, ...]
+    seen_map: Floats
+
+    def __iter__(self) -> Iterator[LiftedMask]:
+        return iter(self.masks)
+
+    def __len__(self) -> int:
+        return len(self.masks)
+
+
+def lift(view: CameraView, points_map: Floats, structure: NDArray[np.uint8], settings: LiftSettings) -> LiftedView:
+    """The detections of a picture as masks of map points.
+
+    points_map: float32 [K, 3] map voxels that may be in view; structure: uint8 [K] of ``Structure``. A view without
+    detections gives an empty result.
+    """
+    detections = view.detections
+    empty = LiftedView(view.stamp_ns, (), np.zeros((0, 3), np.float32))
+    if detections is None or not len(points_map):
+        return empty
+    index, pixel, depth = project(points_map, view.map_T_camera, view.camera, settings.max_range_m)
+    if not len(index):
+        return empty
+    hw = (view.camera.height_px, view.camera.width_px)
+    focal_px = float(view.camera.matrix[0, 0])
+    seen = unoccluded(pixel, depth, hw, focal_px, settings)
+    index, pixel = index[seen], pixel[seen]
+    number, certain = mask_of_points(detections.ids_px, pixel, hw, settings)
+    points, labels = points_map[index], structure[index]
+    masks = [
+        mask
+        for k in np.argsort(detections.number, kind="stable")
+        if (mask := _lift_one(detections, int(k), number, certain, points, labels, settings)) is not None
+    ]
+    return LiftedView(view.stamp_ns, tuple(masks), points[certain])
+
+
+def _lift_one(
+    detections: Detections,
+    k: int,
+    number: Ints,
+    certain: Bools,
+    points: Floats,
+    structure: NDArray[np.uint8],
+    settings: LiftSettings,
+) -> LiftedMask | None:
+    """Detection k as a mask, or None when nothing of it is left."""
+    mine = np.flatnonzero((number == detections.number[k]) & certain)
+    if len(mine) < settings.min_points:
+        return None
+    keep, flat = without_structure(structure[mine], settings.flat_share)
+    mine = mine[keep]
+    mine = mine[main_parts(points[mine], settings.link_m, settings.keep_share)]
+    if len(mine) < settings.min_points:
+        return None
+    embedding = None if detections.embedding is None else detections.embedding[k]
+    labels = detections.top_labels[k] or ((detections.label[k], float(detections.score[k])),)
+    return LiftedMask(int(detections.number[k]), points[mine], labels, float(detections.score[k]), embedding, flat)
+
+
+# ------------------------------------------------------------------------------------------------------------ kernels
+def project(
+    points_map: Floats, map_T_camera: Pose, camera: CameraModel, max_range_m: float
+) -> tuple[Ints, NDArray[np.float64], NDArray[np.float64]]:
+    """Which points fall into the picture: (index [M], pixel (u, v) float64 [M, 2], depth along the optical axis [M])."""
+    points = np.asarray(transform(invert(map_T_camera), points_map), np.float64)
+    ahead = (points[:, 2] > _NEAR_M) & (np.einsum("ij,ij->i", points, points) < max_range_m**2)
+    index = np.flatnonzero(ahead)
+    points = points[index]
+    fx, fy, cx, cy = camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2]
+    pixel = np.stack([points[:, 0] / points[:, 2] * fx + cx, points[:, 1] / points[:, 2] * fy + cy], -1)
+    size_wh = np.array([camera.width_px, camera.height_px])
+    if camera.distortion.any() and len(index):
+        # A distortion polynomial folds far-off rays back into the picture, so they are cut before it is applied.
+        wide = ((pixel > -0.5 * size_wh) & (pixel < 1.5 * size_wh)).all(-1)
+        if camera.model == "equidistant":
+            wide = np.ones(len(index), np.bool_)
+        index, points = index[wide], points[wide]
+        pixel = _distorted(points, camera)
+    inside = ((pixel > -0.5) & (pixel < size_wh - 0.5)).all(-1)
+    return index[inside], pixel[inside], points[inside, 2]
+
+
+def _distorted(points: NDArray[np.float64], camera: CameraModel) -> NDArray[np.float64]:
+    """Pixels [M, 2] of points [M, 3] in the camera frame through the lens model."""
+    if not len(points):
+        return np.zeros((0, 2))
+    zero = np.zeros(3)
+    if camera.model == "equidistant":
+        pixel, _ = cv2.fisheye.projectPoints(points[:, None], zero, zero, camera.matrix, camera.distortion[:4])
+    else:
+        pixel, _ = cv2.projectPoints(points, zero, zero, camera.matrix, camera.distortion)
+    return np.asarray(pixel, np.float64).reshape(-1, 2)
+
+
+def unoccluded(
+    pixel: NDArray[np.float64], depth: NDArray[np.float64], hw: tuple[int, int], focal_px: float, settings: LiftSettings
+) -> Bools:
+    """[M] True where a point (pixel [M, 2], depth [M] metres) is at or in front of the surface drawn by all points."""
+    cell = settings.cell_px
+    rows, cols = -(-hw[0] // cell), -(-hw[1] // cell)
+    col, row = np.floor((pixel + 0.5) / cell).astype(np.int64).T
+    half = np.clip(np.round(0.5 * settings.splat_m * focal_px / depth / cell), 0, 4).astype(np.int64)
+    border = 4
+    front = np.full((rows + 2 * border) * (cols + 2 * border), np.inf)
+    flat = (row + border) * (cols + 2 * border) + col + border
+    for r in range(border + 1):  # one round per splat size, not per point
+        some = half >= r
+        if not some.any():
+            break
+        ring = [(i, j) for i in range(-r, r + 1) for j in range(-r, r + 1) if max(abs(i), abs(j)) == r]
+        for i, j in ring:
+            np.minimum.at(front, flat[some] + i * (cols + 2 * border) + j, depth[some])
+    return np.asarray(depth <= front[flat] + settings.depth_tolerance_m)
+
+
+def mask_of_points(
+    ids_px: NDArray[np.uint16], pixel: NDArray[np.float64], hw: tuple[int, int], settings: LiftSettings
+) -> tuple[Ints, Bools]:
+    """(detection number [M] at each point's pixel, whether the point is certain: not near a mask's edge).
+
+    Inside a mask the uncertain edge is at most ``edge_share`` of the mask's largest half width, so thin and small masks
+    keep points; outside of masks it is ``edge_px``. The picture's own border is not an edge.
+    """
+    col, row = np.round(pixel).astype(np.int64).T
+    col, row = np.clip(col, 0, hw[1] - 1), np.clip(row, 0, hw[0] - 1)
+    distance = edge_distance(ids_px)
+    number = ids_px[row, col].astype(np.int64)
+    half_width = np.zeros(int(ids_px.max()) + 1 if ids_px.size else 1)
+    np.maximum.at(half_width, ids_px.ravel(), distance.ravel())
+    band = np.minimum(settings.edge_px, settings.edge_share * half_width)
+    band[0] = settings.edge_px
+    return number, np.asarray(distance[row, col] > band[number])
+
+
+def edge_distance(ids_px: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """float32 [H, W]: pixels to the nearest place where the number changes (0.5 beside it), large where it never does."""
+    inner = np.ones(ids_px.shape, np.uint8)
+    across, down = ids_px[:, 1:] != ids_px[:, :-1], ids_px[1:] != ids_px[:-1]
+    inner[:, 1:][across] = 0
+    inner[:, :-1][across] = 0
+    inner[1:][down] = 0
+    inner[:-1][down] = 0
+    if inner.all():
+        return np.full(ids_px.shape, float(sum(ids_px.shape)), np.float32)
+    return np.asarray(cv2.distanceTransform(inner, cv2.DIST_L2, 3), np.float32) + np.float32(0.5)
+
+
+def without_structure(structure: NDArray[np.uint8], flat_share: float) -> tuple[Bools, bool]:
+    """(which points [n] may join an object, whether the mask is a flat thing).
+
+    Walls, floors and ceilings never join an object, except where nearly all of a mask is structure: then it is something
+    that lies within the plane (a picture, a screen, a curtain, a rug) and its points are the object.
+    """
+    is_structure = np.isin(structure, (Structure.WALL, Structure.FLOOR, Structure.CEILING))
+    if len(structure) and is_structure.mean() >= flat_share:
+        return np.ones(len(structure), np.bool_), True
+    return ~is_structure, False
+
+
+def main_parts(points: Floats, link_m: float, keep_share: float) -> Ints:
+    """Indices of points [n, 3] in connected parts that hold at least keep_share of the largest part's points."""
+    if not len(points):
+        return np.zeros(0, np.int64)
+    part = connected_parts(points, link_m)
+    size = np.bincount(part)
+    return np.flatnonzero(size[part] >= keep_share * size.max())
+
+
+def connected_parts(points: Floats, link_m: float) -> Ints:
+    """Part number [n] of points [n, 3]: cells of edge link_m that touch (26 neighbours) belong together."""
+    cells = np.floor(np.asarray(points, np.float64) / link_m).astype(np.int64)
+    cells -= cells.min(0) - 1
+    packed, inverse = np.unique(_pack(cells), return_inverse=True)
+    steps = _pack(_HALF_NEIGHBOURS)
+    wanted = packed[:, None] + steps
+    at = np.minimum(np.searchsorted(packed, wanted), len(packed) - 1)
+    a, b = np.nonzero(packed[at] == wanted)
+    links = coo_matrix((np.ones(len(a), np.int8), (a, at[a, b])), (len(packed), len(packed)))
+    _, part = connected_components(links, directed=False)
+    return np.asarray(part[inverse.reshape(-1)], np.int64)
+
+
+def _pack(cells: Ints) -> Ints:
+    return np.asarray((cells[..., 0] * _KEY_SPAN + cells[..., 1]) * _KEY_SPAN + cells[..., 2])

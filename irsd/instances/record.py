@@ -1,0 +1,109 @@
+"""What the memory keeps of one instance beside its voxels: counts, meaning and names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.instances.associate import Doubles, Floats, Ints
+
+Embed = Callable[[Sequence[str]], NDArray[np.float32]]
+
+_SAME_NAME = 0.98  # label vectors closer than this are one name in other words (aliases map to the same vector)
+
+
+class Names:
+    """Label vectors, and which names mean the same: the vectors of one group are closer than ``_SAME_NAME``."""
+
+    def __init__(self, embed: Embed) -> None:
+        self._embed = embed
+        self._vector: dict[str, Floats] = {}
+        self._group: dict[str, int] = {}
+        self._heads: list[Floats] = []
+
+    def vector(self, name: str) -> Floats:
+        """Unit vector float32 [D] of a name; asked for once."""
+        if name not in self._vector:
+            self._vector[name] = np.asarray(self._embed([name]), np.float32)[0]
+        return self._vector[name]
+
+    def group(self, name: str) -> int:
+        """Number of the group of names that mean the same; the first name of a group stands for it."""
+        if name not in self._group:
+            vector = self.vector(name)
+            close = np.flatnonzero([head @ vector >= _SAME_NAME for head in self._heads])
+            if not len(close):
+                self._heads.append(vector)
+            self._group[name] = int(close[0]) if len(close) else len(self._heads) - 1
+        return self._group[name]
+
+
+@dataclass(slots=True)
+class Instance:
+    """One instance. rows: chunks of the index rows it ever claimed; owned: those it owned when last settled.
+
+    expected: pictures that should have seen it; size: voxels with good evidence; meaning: float64 [D], sum of unit vectors.
+    """
+
+    id: int
+    first_seen_ns: int
+    last_seen_ns: int = 0
+    last_view: int = 0
+    observations: int = 0
+    expected: float = 0.0
+    size: float = 0.0
+    room: int = 0
+    meaning: Doubles | None = None
+    group_score: dict[int, float] = field(default_factory=dict)
+    name_score: dict[str, float] = field(default_factory=dict)
+    rows: list[Ints] = field(default_factory=list)
+    owned: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    published: bool = False
+
+    @property
+    def existence(self) -> float:
+        """Share of the pictures that should have seen it and did."""
+        return min(1.0, self.observations / max(self.expected, 1.0))
+
+    def direction(self) -> Doubles | None:
+        """Unit vector float64 [D] of the mean meaning; None where there is none."""
+        length = 0.0 if self.meaning is None else float(np.linalg.norm(self.meaning))
+        return None if self.meaning is None or length < 1e-9 else self.meaning / length
+
+    def add_meaning(self, meaning: Doubles) -> None:
+        """One more unit vector (or sum of them); a vector of another space starts anew."""
+        if self.meaning is None or len(self.meaning) != len(meaning):
+            self.meaning = meaning.copy()
+        else:
+            self.meaning = self.meaning + meaning
+
+    def add_label(self, name: str, group: int, score: float) -> None:
+        self.group_score[group] = self.group_score.get(group, 0.0) + score
+        self.name_score[name] = self.name_score.get(name, 0.0) + score
+
+    def take_over(self, other: Instance) -> None:
+        """Add what is known of another instance that proved to be this one (the voxels' evidence is the index's affair)."""
+        self.observations += other.observations
+        self.expected = max(self.expected, other.expected, float(self.observations))
+        self.first_seen_ns = min(self.first_seen_ns, other.first_seen_ns)
+        self.last_seen_ns = max(self.last_seen_ns, other.last_seen_ns)
+        self.last_view = max(self.last_view, other.last_view)
+        if other.meaning is not None and (self.meaning is None or len(self.meaning) == len(other.meaning)):
+            self.add_meaning(other.meaning)
+        for group, score in other.group_score.items():
+            self.group_score[group] = self.group_score.get(group, 0.0) + score
+        for name, score in other.name_score.items():
+            self.name_score[name] = self.name_score.get(name, 0.0) + score
+
+    def labels(self, names: Names, count: int) -> tuple[tuple[str, float], ...]:
+        """(most frequent name of a group, the group's share of all scores), best first; the name decides among equals."""
+        total = sum(self.group_score.values()) or 1.0
+        best: dict[int, tuple[float, str]] = {}
+        for name, score in self.name_score.items():
+            group = names.group(name)
+            best[group] = min(best.get(group, (np.inf, "")), (-score, name))
+        ranked = sorted((-score / total, best[group][1]) for group, score in self.group_score.items())
+        return tuple((name, round(-score, 6)) for score, name in ranked[:count])
