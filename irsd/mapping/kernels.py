@@ -130,9 +130,9 @@ def line_fits(moments: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def ray_samples(
-    origin: Floats, ends: NDArray[np.floating], step_m: float, stop_short_m: float, max_range_m: float
+    origin: Floats, ends: NDArray[np.floating], step_m: float, stop_short_m: Floats, max_range_m: float
 ) -> NDArray[np.float32]:
-    """Points [K, 3] every step_m along the rays origin [3] -> ends [N, 3], ending stop_short_m before each end."""
+    """Points [K, 3] every step_m along the rays origin [3] -> ends [N, 3], ending stop_short_m [N] before each end."""
     delta = np.asarray(ends, np.float64) - origin
     length = np.linalg.norm(delta, axis=-1)
     count = np.maximum((np.minimum(length - stop_short_m, max_range_m) / step_m).astype(np.int64), 0)

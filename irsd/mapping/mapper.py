@@ -13,7 +13,7 @@ from irsd.core.settings import section, setting
 from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
 from irsd.mapping import frustum
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
-from irsd.mapping.structure import Levels, StructureSettings, WallLines, label_points, wall_band
+from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines, in_wall_band, label_points
 from irsd.mapping.voxels import VoxelMap, VoxelSettings
 
 
@@ -35,6 +35,7 @@ class Mapper:
         self.voxels = VoxelMap(settings.voxels)
         self.grid = SliceGrid(settings.occupancy)
         self.levels = Levels(settings.structure)
+        self.level_map = LevelMap(settings.structure, settings.occupancy.max_area_m2)
         self.walls = WallLines(settings.structure, settings.occupancy.max_area_m2)
         self._sweep = 0
         self._scans = 0
@@ -46,13 +47,19 @@ class Mapper:
         points = self._usable(frame.scan.points_map, origin)
         touched = self.voxels.insert(points, origin, frame.scan.stamp_ns)
         rows = touched.rows
-        mean, normals = self.voxels.mean[rows], self.voxels.normal[self.voxels.coarse_of(rows)]
-        self.levels.update(mean, normals, base, float(origin[2]))
-        self._learn_walls(mean, normals)
+        coarse = self.voxels.coarse_of(rows)
+        surface, normals = self.voxels.surface[coarse], self.voxels.normal[coarse]
+        self.levels.update(surface, normals, base, float(origin[2]))
+        self.level_map.update(surface, normals, self.levels)
+        self._learn_walls(surface, normals)
         self._label(np.concatenate([rows, self._next_sweep()]), base)
         changed = None
         if len(points):
-            changed = self.grid.integrate(points, origin, self.levels.floor_z_m, self.levels.ceiling_z_m, self._scans)
+            level = np.abs(self.voxels.normal[self.voxels.coarse_of(touched.row_of_point), 2])
+            changed = self.grid.integrate(
+                points, origin, level > self.settings.structure.horizontal,
+                self.levels.floor_z_m, self.levels.ceiling_z_m, self._scans,
+            )  # fmt: skip
         self._scans += 1
         return MapUpdate(frame.seq, frame.stamp_ns, rows, self.levels.floor_z_m, self.levels.ceiling_z_m, changed)
 
@@ -62,13 +69,11 @@ class Mapper:
         self._ignored += int(len(points) - near.sum())
         return points[near]
 
-    def _learn_walls(self, mean: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
+    def _learn_walls(self, surface: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
         """Feed the upright surface near the ceiling to the wall lines and refit the tiles that were seen."""
-        low, high = wall_band(self.settings.structure, self.levels.floor_z_m, self.levels.ceiling_z_m)
-        upright = (np.abs(normals[:, 2]) < self.settings.structure.upright) & normals.any(-1)
-        upright &= (mean[:, 2] > low) & (mean[:, 2] < high)
-        self.walls.add(mean[upright], normals[upright])
-        self.walls.refit(mean)
+        upright = in_wall_band(surface, normals, self.levels, self.level_map, self.settings.structure)
+        self.walls.add(surface[upright], normals[upright])
+        self.walls.refit(surface)
 
     def _next_sweep(self) -> NDArray[np.int32]:
         """The next few voxels in turn: labels of places that are not seen again still learn from walls found later."""
@@ -79,9 +84,16 @@ class Mapper:
         return np.asarray(rows[self.voxels.hits[rows] > 0], np.int32)
 
     def _label(self, rows: NDArray[np.int32], base: NDArray[np.float64]) -> None:
-        points, normals = self.voxels.mean[rows], self.voxels.normal[self.voxels.coarse_of(rows)]
+        coarse = self.voxels.coarse_of(rows)
         self.voxels.structure[rows] = label_points(
-            points, normals, self.levels, self.walls, base, self.settings.structure
+            self.voxels.mean[rows],
+            self.voxels.surface[coarse],
+            self.voxels.normal[coarse],
+            self.levels,
+            self.level_map,
+            self.walls,
+            base,
+            self.settings.structure,
         )
 
     # ------------------------------------------------------------------------------------------------ reading
@@ -130,6 +142,5 @@ class Mapper:
             "voxels_evicted": self.voxels.evicted,
             "voxels_refused": self.voxels.refused,
             "points_ignored": self._ignored,
-            "points_off_grid": self.grid.points_refused,
             "grid_growth_refused": self.grid.area.refused,
         }

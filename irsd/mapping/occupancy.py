@@ -1,6 +1,6 @@
 """Log-odds occupancy seen from above, in height slices, so that a ray frees a cell only at the height at which it passes.
 
-Slices 0..7 divide the robot's own height (an obstacle in any of them is an obstacle; a ray under or over a table top does
+The body slices divide the robot's own height (an obstacle in any of them is an obstacle; a ray under or over a table top does
 not erase it), then one slice of tall furniture, one just above furniture, one below the ceiling. Heights are above the
 floor near the robot. Work is proportional to the scan and the sensor's range, never to the map.
 """
@@ -16,7 +16,7 @@ from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from irsd.mapping import kernels
 
-BODY_SLICES = 8
+BODY_SLICES = 24  # about 5 cm each: a bed seen at a grazing angle is not erased by the rays just above it
 TALL = BODY_SLICES  # slice between the robot's height and wall_low_m
 WALL = BODY_SLICES + 1  # just above furniture, below door lintels
 LINTEL = BODY_SLICES + 2  # from the lintels to the ceiling
@@ -24,7 +24,7 @@ SLICES = BODY_SLICES + 3
 FLOOR, CEILING = SLICES, SLICES + 1  # layers that count sightings of the floor and the ceiling
 LAYERS = SLICES + 2
 _CHUNK_M = 6.4  # grids grow by whole chunks, so that reallocation is rare
-_BELOW = 255
+_NONE = 255
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,7 @@ class PlanArea:
         if float(size[0]) * float(size[1]) > self._max_cells:
             self.refused += 1
             return None
-        if self.shape[0]:
-            padding = (*(self.low - new_low), *(new_high - old_high))
-        else:
-            padding = (0, 0, int(size[0]), int(size[1]))
+        padding = (*(self.low - new_low), *(new_high - old_high)) if self.shape[0] else (0, 0, *size)
         self.low, self.shape = new_low, (int(size[0]), int(size[1]))
         return int(padding[0]), int(padding[2]), int(padding[1]), int(padding[3])
 
@@ -101,12 +98,12 @@ class SliceGrid:
         self.settings = settings
         self.area = PlanArea(settings.resolution_m, settings.max_area_m2)
         self.odds: NDArray[np.int8] = np.zeros((LAYERS, 0, 0), np.int8)
-        self.points_refused = 0
 
     def integrate(
         self,
         points: NDArray[np.float32],
         origin: NDArray[np.float64],
+        level: NDArray[np.bool_],
         floor_z_m: float,
         ceiling_z_m: float | None,
         turn: int,
@@ -116,16 +113,33 @@ class SliceGrid:
         if window is None:
             return None
         low, shape = window
-        seen = np.zeros((LAYERS, *shape), np.uint8)
-        lut, base_m = self._slice_table(floor_z_m, ceiling_z_m)
-        stride = max(-(-len(points) // self.settings.max_rays), 1)
+        table, base_m = self._slice_table(floor_z_m, ceiling_z_m)
+        chosen = slice(turn % (stride := max(-(-len(points) // self.settings.max_rays), 1)), None, stride)
         samples = kernels.ray_samples(
-            origin, points[turn % stride :: stride], self.settings.resolution_m, 0.08, self.settings.ray_range_m
-        )
-        self._mark(seen, samples, low, lut, base_m, 1)
-        self._mark_footprint(seen, origin, low)
-        self._mark(seen, points, low, lut, base_m, 2)
-        return self._apply(seen, low, shape)
+            origin, points[chosen], self.settings.resolution_m, self._stop_short(points[chosen], origin, level[chosen]),
+            self.settings.ray_range_m,
+        )  # fmt: skip
+        passed = np.zeros((SLICES, *shape), np.bool_)
+        self._mark(passed, samples, low, table, base_m)
+        self._mark_footprint(passed, origin, low)
+        hit = np.zeros((LAYERS, *shape), np.bool_)
+        self._mark(hit, points, low, table, base_m)
+        passed &= ~hit[:SLICES]
+        return self._apply(hit, passed, low)
+
+    def _stop_short(
+        self, points: NDArray[np.float32], origin: NDArray[np.float64], level: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """How far before its end each ray stops to free cells.
+
+        A ray that ends on level surface (a bed, a table) skims it: it would free the slice it ends in over a long stretch.
+        """
+        slice_m = (self.settings.body_high_m - self.settings.body_low_m) / BODY_SLICES
+        delta = points.astype(np.float64) - origin
+        length = np.sqrt(np.einsum("ij,ij->i", delta, delta))
+        sine = np.abs(delta[:, 2]) / np.maximum(length, 1e-9)
+        skim = slice_m / np.maximum(sine, 1e-3)
+        return np.where(level, np.maximum(skim, 0.08), 0.08)
 
     def _window(
         self, points: NDArray[np.float32], origin: NDArray[np.float64]
@@ -152,7 +166,7 @@ class SliceGrid:
         below = 0.25  # the table starts this far below the floor: what lies there (a stair down) is not floor
         top = 8.0
         height = np.arange(-below, top, 0.01) + 0.005
-        table = np.full(len(height), _BELOW, np.uint8)
+        table = np.full(len(height), _NONE, np.uint8)
         body = np.floor((height - s.body_low_m) / (s.body_high_m - s.body_low_m) * BODY_SLICES)
         inside = (height >= s.body_low_m) & (height < s.body_high_m)
         table[inside] = body[inside].clip(0, BODY_SLICES - 1)
@@ -160,36 +174,33 @@ class SliceGrid:
         table[(height >= s.wall_low_m) & (height < s.wall_high_m)] = WALL
         table[(height >= s.wall_high_m)] = LINTEL
         table[np.abs(height) < s.body_low_m] = FLOOR
+        table[0] = table[-1] = _NONE  # whatever is lower or higher is clipped to the ends
         if ceiling_z_m is not None:
-            table[height > ceiling_z_m - floor_z_m - s.ceiling_margin_m] = CEILING
+            table[:-1][height[:-1] > ceiling_z_m - floor_z_m - s.ceiling_margin_m] = CEILING
         return table, floor_z_m - below
 
     def _mark(
         self,
-        seen: NDArray[np.uint8],
+        seen: NDArray[np.bool_],
         points: NDArray[np.float32],
         low: NDArray[np.int64],
         table: NDArray[np.uint8],
         base_m: float,
-        value: int,
     ) -> None:
-        """Write value into the window's cells that hold the points; passes never mark floor or ceiling as seen."""
+        """Set the cells of the window [layers, H, W], whose lowest cell is ``low``, that hold the points."""
         resolution = self.area.resolution_m
         corner = (self.area.low + low) * resolution
-        col = ((points[:, 0] - np.float32(corner[1])) * np.float32(1 / resolution)).astype(np.int32)
-        row = ((points[:, 1] - np.float32(corner[0])) * np.float32(1 / resolution)).astype(np.int32)
-        height = ((points[:, 2] - np.float32(base_m)) * np.float32(100)).astype(np.int32)
-        height_window, width = seen.shape[1:]
-        inside = (points[:, 0] >= corner[1]) & (col < width) & (points[:, 1] >= corner[0]) & (row < height_window)
-        inside &= (points[:, 2] >= base_m) & (height < len(table))
-        layer = table[np.where(inside, height, 0)]
-        inside &= layer < (SLICES if value == 1 else LAYERS)
-        flat = (layer.astype(np.int32) * height_window + row) * width + col
-        seen.reshape(-1)[flat[inside]] = value
-        if value == 2:
-            self.points_refused += int(((row < 0) | (row >= height_window) | (col < 0) | (col >= width)).sum())
+        layers, height, width = seen.shape
+        # One is added before truncation, so that what lies left of the window gives 0 and not -0.3 -> 0.
+        col = ((points[:, 0] - np.float32(corner[1])) * np.float32(1 / resolution) + 1).astype(np.int32)
+        row = ((points[:, 1] - np.float32(corner[0])) * np.float32(1 / resolution) + 1).astype(np.int32)
+        step = ((points[:, 2] - np.float32(base_m)) * np.float32(100)).astype(np.int32)
+        layer = table[np.clip(step, 0, len(table) - 1)]
+        inside = (col > 0) & (col <= width) & (row > 0) & (row <= height) & (layer < layers)
+        flat = (layer.astype(np.int32) * height + (row - 1)) * width + (col - 1)
+        seen.reshape(-1)[flat[inside]] = True
 
-    def _mark_footprint(self, seen: NDArray[np.uint8], origin: NDArray[np.float64], low: NDArray[np.int64]) -> None:
+    def _mark_footprint(self, seen: NDArray[np.bool_], origin: NDArray[np.float64], low: NDArray[np.int64]) -> None:
         """The robot stands here, so its body slices are free."""
         reach = round(self.settings.footprint_m / self.area.resolution_m)
         if reach < 1:
@@ -198,37 +209,42 @@ class SliceGrid:
         offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2, indexing="ij"), -1).reshape(-1, 2)
         cells = offsets[(offsets**2).sum(-1) <= reach * reach] + (row, col)
         cells = cells[(cells >= 0).all(-1) & (cells < seen.shape[1:]).all(-1)]
-        seen[:BODY_SLICES, cells[:, 0], cells[:, 1]] = 1
+        seen[:BODY_SLICES, cells[:, 0], cells[:, 1]] = True
 
     def _apply(
-        self, seen: NDArray[np.uint8], low: NDArray[np.int64], shape: tuple[int, int]
+        self, hit: NDArray[np.bool_], passed: NDArray[np.bool_], low: NDArray[np.int64]
     ) -> tuple[float, float, float, float] | None:
         """Add the steps, clamp, and say where a slice changed between occupied, free and unknown."""
         s = self.settings
-        view = self.odds[:, low[0] : low[0] + shape[0], low[1] : low[1] + shape[1]]
-        layer, row, col = np.unravel_index(np.flatnonzero(seen), seen.shape)
-        steps = np.where(seen[layer, row, col] == 2, s.hit, -s.passed).astype(np.int16)
-        before = view[layer, row, col].astype(np.int16)
-        after = np.clip(before + steps, s.lowest, s.highest)
-        view[layer, row, col] = after.astype(np.int8)
-        changed = ((before >= s.occupied) != (after >= s.occupied)) | ((before < 0) != (after < 0))
-        changed |= (layer >= SLICES) & (before == 0)
-        if not changed.any():
+        height, width = self.area.shape
+        flat_odds = self.odds.reshape(-1)
+        boxes = []
+        for cells, step in ((hit, s.hit), (passed, -s.passed)):
+            flat = np.flatnonzero(cells).astype(np.int32)
+            line, col = np.divmod(flat, np.int32(cells.shape[2]))
+            layer, row = np.divmod(line, np.int32(cells.shape[1]))
+            row, col = row + np.int32(low[0]), col + np.int32(low[1])
+            place = (layer.astype(np.int64) * height + row) * width + col
+            before = flat_odds[place].astype(np.int16)
+            after = np.clip(before + np.int16(step), s.lowest, s.highest)
+            flat_odds[place] = after
+            changed = ((before >= s.occupied) != (after >= s.occupied)) | ((before < 0) != (after < 0))
+            changed |= (before == 0) & (layer >= SLICES)
+            if changed.any():
+                rows, cols = row[changed] + self.area.low[0], col[changed] + self.area.low[1]
+                boxes.append((cols.min(), rows.min(), cols.max() + 1, rows.max() + 1))
+        if not boxes:
             return None
-        rows, cols = row[changed] + low[0] + self.area.low[0], col[changed] + low[1] + self.area.low[1]
-        edge = self.area.resolution_m
-        return (
-            float(cols.min() * edge),
-            float(rows.min() * edge),
-            float((cols.max() + 1) * edge),
-            float((rows.max() + 1) * edge),
-        )
+        box, edge = np.array(boxes), self.area.resolution_m
+        x0, y0 = box[:, :2].min(0) * edge
+        x1, y1 = box[:, 2:].max(0) * edge
+        return float(x0), float(y0), float(x1), float(y1)
 
     # ------------------------------------------------------------------------------------------------ reading
     def navigation(self) -> tuple[GridFrame, NDArray[np.int8]]:
         """(frame, int8 [H, W]): 100 where any body slice is occupied, 0 where one was passed or the floor seen, else -1."""
         body = self.odds[:BODY_SLICES]
-        highest, lowest = (body.max(0), body.min(0)) if self.odds.size else (self.odds[0], self.odds[0])
+        highest, lowest = body.max(0), body.min(0)
         free = (lowest < 0) | (self.odds[FLOOR] > 0)
         cells = np.where(highest >= self.settings.occupied, 100, np.where(free, 0, -1)).astype(np.int8)
         return self.area.frame, cells

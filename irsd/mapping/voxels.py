@@ -33,10 +33,10 @@ class VoxelSettings:
 
 @dataclass(frozen=True, slots=True)
 class Touched:
-    """What one scan touched: rows int32 [M] (sorted by voxel key), coarse int64 [C] cells, each once."""
+    """What one scan touched: rows int32 [M], each once, sorted by voxel key; row_of_point int32 [N], -1 = refused."""
 
     rows: NDArray[np.int32]
-    coarse: NDArray[np.int64]
+    row_of_point: NDArray[np.int32]
 
 
 class VoxelMap:
@@ -104,9 +104,11 @@ class VoxelMap:
     # ------------------------------------------------------------------------------------------------ writing
     def insert(self, points: NDArray[np.float32], origin: NDArray[np.float64], stamp_ns: int) -> Touched:
         """Add the points [N, 3] of one scan seen from origin [3] (map frame, metres)."""
-        points = points[kernels.addressable(points, self.settings.voxel_m)]
+        row_of_point = np.full(len(points), -1, np.int32)
+        good = np.flatnonzero(kernels.addressable(points, self.settings.voxel_m))
+        points = points[good]
         if not len(points):
-            return Touched(np.zeros(0, np.int32), np.zeros(0, np.int64))
+            return Touched(np.zeros(0, np.int32), row_of_point)
         packed, inverse = np.unique(
             kernels.pack_voxels(kernels.voxel_keys(points, self.settings.voxel_m)), return_inverse=True
         )
@@ -117,7 +119,8 @@ class VoxelMap:
         cells = slots * kernels.BLOCK_COARSE + self._coarse_of_local[packed & 511]
         coarse = self._update_moments(exact, cells, kept, inverse)
         self._refresh_normals(coarse, origin)
-        return Touched(rows[kept], coarse)
+        row_of_point[good] = rows[inverse]
+        return Touched(rows[kept], row_of_point)
 
     def _update_rows(
         self,
@@ -175,13 +178,14 @@ class VoxelMap:
         centre = (self.block_key[slot] * kernels.COARSE_EDGE + place + 0.5) * size
         away = ((origin - centre) * normal).sum(-1) < 0
         self.normal[todo] = np.where(planar[:, None], np.where(away[:, None], -normal, normal), 0.0)
+        self.surface[todo] = centre + window[:, 1:4] / np.maximum(window[:, :1], 1e-6)
 
     # ------------------------------------------------------------------------------------------------ rows and blocks
     def _rows_for(
         self, packed: kernels.IntArray, origin: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
         """Rows (-1 = refused) and slots of sorted unique packed voxels; makes what is missing, within the bound."""
-        blocks, first, of_block = np.unique(packed >> 9, return_index=True, return_inverse=True)
+        blocks, of_block = np.unique(packed >> 9, return_inverse=True)
         slots = self._find_slots(blocks)
         local = packed & 511
         rows = np.where(slots[of_block] >= 0, self.index[slots[of_block], local], -1)
@@ -287,7 +291,7 @@ class VoxelMap:
         self.cell: NDArray[np.int32] = _grown(None if first else self.cell, (size,), np.int32)
 
     def _allocate_slots(self, size: int) -> None:
-        """Room for ``size`` blocks. moments float32 and normal float32 are per coarse cell (slot * 64 + cell)."""
+        """Room for ``size`` blocks. moments, normal and surface (the fitted plane's centroid) are per coarse cell."""
         first, size = not hasattr(self, "block_used"), min(size, self._max_blocks)
         coarse = size * kernels.BLOCK_COARSE
         self.block_used: NDArray[np.bool_] = _grown(None if first else self.block_used, (size,), np.bool_)
@@ -298,6 +302,7 @@ class VoxelMap:
         )
         self.moments: NDArray[np.float32] = _grown(None if first else self.moments, (coarse, 10), np.float32)
         self.normal: NDArray[np.float32] = _grown(None if first else self.normal, (coarse, 3), np.float32)
+        self.surface: NDArray[np.float32] = _grown(None if first else self.surface, (coarse, 3), np.float32)
         self.touches: NDArray[np.int32] = _grown(None if first else self.touches, (coarse,), np.int32)
 
 
