@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import itertools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class PoseTrack:
         """The longest time without a sample among those that enclose start..end, which the track must cover."""
         low, high = self._enclosing(start_ns, end_ns)
         stamps = self._stamps[low:high]
-        return max((b - a for a, b in zip(stamps, stamps[1:], strict=False)), default=0)
+        return max((b - a for a, b in itertools.pairwise(stamps)), default=0)
 
     def covers(self, start_ns: int, end_ns: int) -> bool:
         """Whether there is a sample at or before the start and at or after the end."""
@@ -144,7 +145,7 @@ def deskew(
     knots_s: NDArray[np.float64],
     map_T_sensor: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """points_map float32 [N, 3] of points_sensor float32 [N, 3] measured at time_s [N], given poses [K, 4, 4] at knots_s [K], increasing.
+    """points_map float32 [N, 3] of points_sensor [N, 3], measured at time_s [N], by poses [K, 4, 4] at increasing knots_s [K].
 
     Between knots the matrices blend linearly; their chord error is what ``KNOT_S`` bounds. Times outside take the nearest pose.
     """

@@ -66,7 +66,7 @@ def read_messages(
 
 
 def topics_of(path: Path | str) -> dict[str, str]:
-    """topic -> type name of one file, sorted by topic. Raises DecodeError for a foreign file; reads all of it where it has no summary."""
+    """topic -> type name of one file, sorted by topic; reads all of it where it has no summary. DecodeError for a foreign file."""
     path = Path(path)
     with _open(path) as stream:
         summary = _summary_of(stream, path)
@@ -174,7 +174,7 @@ def _type_of(schema: Schema | None) -> str:
 class RecordingWriter:
     """Writes a recording that rosbag2, Foxglove and ``read_messages`` open: ROS 2 profile, zstd chunks, with summary.
 
-    The same calls give the same bytes. Use as a context manager: without ``close`` the file has no summary. Disk errors are StoreError.
+    The same calls give the same bytes. A context manager: without ``close`` the file has no summary. Disk errors are StoreError.
     """
 
     def __init__(self, path: Path | str) -> None:

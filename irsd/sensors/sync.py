@@ -282,9 +282,9 @@ class Synchronizer:
         assert base_T_sensor is not None
         knots_ns = self._track.knots(sweep.start_ns, sweep.end_ns)
         map_T_base = self._map_T_base(knots_ns)
-        map_T_sensor = map_T_base @ base_T_sensor
+        map_T_sensor = np.asarray(map_T_base @ base_T_sensor, np.float64)
         times_s = np.zeros(len(scan.points_sensor), np.float32) if scan.time_offset_s is None else scan.time_offset_s
-        points_map = deskew(scan.points_sensor, times_s, (knots_ns - scan.stamp_ns) * 1e-9, map_T_sensor)
+        points_map = deskew(scan.points_sensor, times_s, (knots_ns - scan.stamp_ns) / 1e9, map_T_sensor)
         self._last = (sweep.end_ns, scan.frame_id)
         deskewed = DeskewedScan(sweep.end_ns, points_map, map_T_sensor[:, :3, 3].mean(0))
         return self._numbered(sweep.end_ns, map_T_base[-1], deskewed, self._take_views(sweep.end_ns))
