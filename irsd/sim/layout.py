@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -90,7 +91,12 @@ class Shell:
             far = (x + nx * (_DOOR_CLEAR_M + 0.1), y + ny * (_DOOR_CLEAR_M + 0.1))
             sides = (abs(ny) * half, abs(nx) * half)
             keep_free.append(
-                (min(x, far[0]) - sides[0], min(y, far[1]) - sides[1], max(x, far[0]) + sides[0], max(y, far[1]) + sides[1])
+                (
+                    min(x, far[0]) - sides[0],
+                    min(y, far[1]) - sides[1],
+                    max(x, far[0]) + sides[0],
+                    max(y, far[1]) + sides[1],
+                )
             )
             points.append((x + nx * 0.5, y + ny * 0.5))
         return RoomSpace(rect, tuple(keep_free), self._windows(rect), tuple(points))
@@ -250,10 +256,10 @@ def _floor_rects(rooms: list[RoomShell], length: float, width: float) -> list[Re
     bands = sorted({room.rect[1] for room in rooms} | {room.rect[3] for room in rooms})
     cuts = [0.0, (bands[1] + bands[2]) / 2, (bands[3] + bands[4]) / 2, width]
     rects: list[Rect] = []
-    for y0, y1 in zip(cuts[:-1], cuts[1:], strict=True):
+    for y0, y1 in pairwise(cuts):
         row = sorted((room.rect for room in rooms if y0 <= (room.rect[1] + room.rect[3]) / 2 <= y1), key=lambda r: r[0])
-        xs = [0.0, *((a[2] + b[0]) / 2 for a, b in zip(row[:-1], row[1:], strict=True)), length]
-        rects += [(a, y0, b, y1) for a, b in zip(xs[:-1], xs[1:], strict=True)]
+        xs = [0.0, *((a[2] + b[0]) / 2 for a, b in pairwise(row)), length]
+        rects += [(a, y0, b, y1) for a, b in pairwise(xs)]
     return rects
 
 

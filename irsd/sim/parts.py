@@ -36,7 +36,7 @@ class Part:
         """[T, 3, 3] with outward counter-clockwise winding."""
         lo, hi = np.asarray(self.lo), np.asarray(self.hi)
         if self.round:
-            return _cylinder() * (hi - lo) + lo
+            return np.asarray(_cylinder() * (hi - lo) + lo)
         return np.asarray((_BOX_CORNERS * (hi - lo) + lo)[_BOX_FACES])
 
 

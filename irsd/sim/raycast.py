@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
+from embreex.mesh_construction import TriangleMesh  # type: ignore[import-untyped, unused-ignore]
+from embreex.rtcore_scene import EmbreeScene  # type: ignore[import-untyped, unused-ignore]
 from numpy.typing import NDArray
 
 # Embree marks a miss by leaving the far distance at its largest value.

@@ -64,6 +64,18 @@ class FreeSpace:
         out[inside] = self._reached[cells[inside, 0], cells[inside, 1]]
         return out
 
+    def clearance_at(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[P] metres to the nearest obstacle, bilinear between cells; outside of the grid as at its border."""
+        resolution = self.frame.resolution_m
+        col = np.clip((points_xy[:, 0] - self.frame.origin_xy_m[0]) / resolution - 0.5, 0, self.frame.width - 1.001)
+        row = np.clip((points_xy[:, 1] - self.frame.origin_xy_m[1]) / resolution - 0.5, 0, self.frame.height - 1.001)
+        c, r = col.astype(np.int64), row.astype(np.int64)
+        fc, fr = col - c, row - r
+        grid = self.clearance_m
+        lower = grid[r, c] * (1 - fc) + grid[r, c + 1] * fc
+        upper = grid[r + 1, c] * (1 - fc) + grid[r + 1, c + 1] * fc
+        return np.asarray(lower * (1 - fr) + upper * fr, np.float64)
+
     def all_connected(self, polygons_xy: list[NDArray[np.float64]]) -> bool:
         """Has every room a fair share of floor that the robot can reach from the start?"""
         for polygon in polygons_xy:
