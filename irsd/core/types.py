@@ -163,7 +163,8 @@ class PlanEvidence:
 
     wall: bool [H, W], structure stands here above furniture height. free: bool [H, W], rays passed or the floor/ceiling was
     seen here and nothing stands above furniture height. low: bool [H, W], something stands here at robot height.
-    known: bool [H, W], anything was seen. All on ``frame``.
+    known: bool [H, W], anything was seen. All on ``frame``. lintel: bool [H, W] or None, structure stands here between the height of
+    doors and the ceiling (a lintel, a step of the ceiling, the upper part of a wall).
     """
 
     frame: GridFrame
@@ -173,6 +174,7 @@ class PlanEvidence:
     known: NDArray[np.bool_]
     floor_z_m: float
     ceiling_z_m: float | None
+    lintel: NDArray[np.bool_] | None = None
 
 
 # --------------------------------------------------------------------------------------- rooms

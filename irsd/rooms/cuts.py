@@ -20,7 +20,12 @@ FloatArray = NDArray[np.float64]
 _RAYS = 96
 _MIN_TURN_RAD = np.radians(25.0)  # a boundary that turns less is a curved wall or noise, not a jamb
 _TAUT = 0.77  # a cut that leaves a wall at less than 50 degrees is not the way across
-_NEIGHBOURS = 8  # corners tried as the other end of a cut, nearest first
+_STRAIGHT = np.cos(np.radians(10.0))  # directions that differ less are those of one wall
+_WALL_CELLS = 6.0  # a straight piece of outline of fewer cells has no direction worth extending
+_LINTEL_SHARE = 0.7  # part of a cut that must lie under a lintel
+# What speaks for a cut besides being narrow: it closes a gap in one wall's line, or a lintel runs along it.
+_IN_WALL_LINE = 0.85
+_UNDER_LINTEL = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,20 @@ class Cuts:
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Cuts:
         """The cuts at ``index``."""
         return Cuts(self.ends[index], self.width[index], self.ratio[index])
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The lengths, in cells, that decide what is tried as a cut: between ``shortest`` and ``longest``, up to ``longest_gap``
+    within the line of a wall. taut: the way from its ends on which a cut must be the shortest way across. jamb: how near a
+    corner is the end of a cut. depths: float64 [D] ascending, how far behind a cut the width of space is measured."""
+
+    shortest: float
+    longest: float
+    longest_gap: float
+    taut: float
+    jamb: float
+    depths: FloatArray
 
 
 def clearance(space: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -136,21 +155,60 @@ def _extensions(
     return np.stack([begin, end], axis=1)[good]
 
 
-def _between(corners: Corners, dist: NDArray[np.float32], shortest: float, longest: float) -> FloatArray:
-    """Cuts from corner to corner in sight of each other. Ends [K, 2, 2]."""
+def _between(
+    corners: Corners, dist: NDArray[np.float32], shortest: float, longest: float, longest_gap: float
+) -> FloatArray:
+    """Cuts from corner to corner in sight of each other; up to ``longest_gap`` where both continue their walls. Ends [K, 2, 2]."""
     if len(corners.at) < 2:
         return np.zeros((0, 2, 2))
-    tree = cKDTree(corners.at)
-    near = min(_NEIGHBOURS + 1, len(corners.at))
-    far, other = tree.query(corners.at, k=near, distance_upper_bound=longest)
-    mine, column = np.nonzero(np.isfinite(far) & (far >= shortest))
-    theirs = other[mine, column]
-    keep = mine < theirs
-    begin, end = corners.at[mine[keep]], corners.at[theirs[keep]]
+    pairs = cKDTree(corners.at).query_pairs(max(longest, longest_gap), output_type="ndarray")
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    begin, end = corners.at[pairs[:, 0]], corners.at[pairs[:, 1]]
     size = np.linalg.norm(end - begin, axis=1)
+    fits = size >= shortest
+    pairs, begin, end, size = pairs[fits], begin[fits], end[fits], size[fits]
     direction = (end - begin) / size[:, None]
-    seen = free_length(dist, begin, direction, longest + 2) >= size - 1.0
+    gap = _continues(corners, pairs[:, 0], direction) & _continues(corners, pairs[:, 1], -direction)
+    tried = (size <= longest) | gap
+    begin, end, size, direction = begin[tried], end[tried], size[tried], direction[tried]
+    seen = free_length(dist, begin, direction, max(longest, longest_gap) + 2) >= size - 1.0
     return np.stack([begin, end], axis=1)[seen]
+
+
+def _continues(corners: Corners, which: NDArray[np.intp], direction: FloatArray) -> NDArray[np.bool_]:
+    """[K] True where a direction (unit, [K, 2]) leaves corner ``which`` [K] as the continuation of one of its walls."""
+    cosine = (corners.along[which] * direction[:, None]).sum(-1)
+    # The wall must be long enough to have a direction; a metre away its end is then known to the width of a wall.
+    return np.asarray(((cosine >= _STRAIGHT) & (corners.wall_length[which] >= _WALL_CELLS)).any(1))
+
+
+def in_wall_line(ends: FloatArray, corners: Corners, reach: float) -> NDArray[np.bool_]:
+    """[K] True for cuts [K, 2, 2] that close a gap in a wall: at both ends a corner within ``reach`` whose wall they continue."""
+    if not len(corners.at) or not len(ends):
+        return np.zeros(len(ends), bool)
+    direction = ends[:, 1] - ends[:, 0]
+    direction = direction / np.linalg.norm(direction, axis=1)[:, None]
+    far, other = cKDTree(corners.at).query(ends, k=min(3, len(corners.at)))
+    far, other = far.reshape(*ends.shape[:2], -1), other.reshape(*ends.shape[:2], -1)
+    good = []
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        close = [
+            (far[:, end, k] <= reach) & _continues(corners, other[:, end, k], sign * direction)
+            for k in range(far.shape[2])
+        ]
+        good.append(np.any(close, axis=0))
+    return np.asarray(good[0] & good[1])
+
+
+def share_of(mask: NDArray[np.bool_], ends: FloatArray, beside: float) -> FloatArray:
+    """Share of the cells of the lines parallel to cuts [K, 2, 2], ``beside`` cells to their left, that are in mask: [K]."""
+    tangent = ends[:, 1] - ends[:, 0]
+    tangent = tangent / np.linalg.norm(tangent, axis=1)[:, None]
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    part = (np.arange(24) + 0.5)[None, :, None] / 24
+    at = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * part + beside * normal[:, None]
+    cell = np.clip(np.rint(at).astype(np.int64), 0, [mask.shape[1] - 1, mask.shape[0] - 1])
+    return np.asarray(mask[cell[..., 1], cell[..., 0]].mean(1))
 
 
 def _ratio(ends: FloatArray, width: FloatArray, dist: NDArray[np.float32], depths: FloatArray) -> FloatArray:
@@ -167,9 +225,18 @@ def _ratio(ends: FloatArray, width: FloatArray, dist: NDArray[np.float32], depth
         start = (middle[:, None] + hand[:, None] * depths[:, None]).reshape(-1, 2)
         along = np.repeat(tangent, len(depths), axis=0)
         across = free_length(dist, start, along, limit) + free_length(dist, start, -along, limit)
-        behind = np.where(reach[:, None] >= depths, across.reshape(count, -1), 0.0).max(1)
+        behind = _typical(np.where(reach[:, None] >= depths, across.reshape(count, -1), -1.0))
         narrow = np.minimum(narrow, behind)
     return np.asarray(np.where(narrow > 0, width / np.maximum(narrow, 1e-9), np.inf))
+
+
+def _typical(across: FloatArray) -> FloatArray:
+    """Upper median of each row's non-negative values, float64 [N], 0 where there are none: one ray through an open door
+    beside the cut must not make a corridor wide."""
+    count = (across >= 0).sum(1)
+    ordered = np.sort(across, axis=1)
+    index = across.shape[1] - 1 - (count - 1) // 2
+    return np.where(count > 0, ordered[np.arange(len(across)), np.minimum(index, across.shape[1] - 1)], 0.0)
 
 
 def _tautness(ends: FloatArray, dist: NDArray[np.float32], reach: float) -> FloatArray:
@@ -187,36 +254,32 @@ def _tautness(ends: FloatArray, dist: NDArray[np.float32], reach: float) -> Floa
     return np.asarray(worst)
 
 
-def find_cuts(
-    dist: NDArray[np.float32],
-    corners: Corners,
-    *,
-    shortest: float,
-    longest: float,
-    wall: float,
-    reach: float,
-    depths: FloatArray,
-) -> Cuts:
-    """All candidate cuts of free space between ``shortest`` and ``longest`` cells.
+def find_cuts(dist: NDArray[np.float32], corners: Corners, reach: Reach, lintel: NDArray[np.bool_] | None) -> Cuts:
+    """All candidate cuts of free space.
 
-    dist: ``clearance`` of the space. wall: the least length of a wall that is worth extending.
-    depths: float64 [D] ascending, how far behind a cut the width of free space is measured.
+    dist: ``clearance`` of the space. lintel: bool [H, W], structure above door height, or None when that is not known.
     """
     if not len(corners.at):
         return Cuts(np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
     ends = np.concatenate(
         [
-            _between(corners, dist, shortest, longest),
-            _perpendicular(corners, dist, shortest, longest),
-            _extensions(corners, dist, shortest, longest, wall),
+            _between(corners, dist, reach.shortest, reach.longest, reach.longest_gap),
+            _perpendicular(corners, dist, reach.shortest, reach.longest),
+            _extensions(corners, dist, reach.shortest, reach.longest, _WALL_CELLS),
         ]
     )
     size = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    ends, size = ends[size >= 1], size[size >= 1]
-    taut = _tautness(ends, dist, reach) >= _TAUT
-    ends, size = ends[taut], size[taut]
-    width = size + 1.0  # from wall to wall: half a cell more at both ends
-    return Cuts(ends, width, _ratio(ends, width, dist, depths))
+    ends = ends[size >= 1]
+    ends = ends[_tautness(ends, dist, reach.taut) >= _TAUT]
+    width = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 1.0  # from wall to wall: half a cell more at both ends
+    ratio = _ratio(ends, width, dist, reach.depths)
+    ratio = np.where(in_wall_line(ends, corners, reach.jamb), ratio * _IN_WALL_LINE, ratio)
+    if lintel is not None:
+        thick = cv2.dilate(lintel.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        above = share_of(thick, ends, 0.0) >= _LINTEL_SHARE
+        open_beside = np.minimum(share_of(lintel, ends, reach.taut), share_of(lintel, ends, -reach.taut)) <= 0.3
+        ratio = np.where(above & open_beside, ratio * _UNDER_LINTEL, ratio)
+    return Cuts(ends, width, ratio)
 
 
 def without_crossings(cuts: Cuts, near: float) -> Cuts:

@@ -19,7 +19,7 @@ from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from irsd.core.types import Opening, PlanEvidence, RoomFootprint, RoomSegmentation
 from irsd.rooms import cuts as cutting
-from irsd.rooms.cuts import Cuts
+from irsd.rooms.cuts import Cuts, Reach
 from irsd.rooms.outline import outline
 
 _BESIDE_M = 0.2  # the rooms of an opening are looked up this far beside it
@@ -32,11 +32,17 @@ class SegmentSettings:
 
     min_room_m2: float = setting(1.5, "a smaller piece is part of its neighbour, not a room", lo=0.1, hi=20.0)
     opening_max_m: float = setting(4.5, "the widest opening that may separate two rooms", lo=0.5, hi=12.0)
+    wall_gap_max_m: float = setting(
+        7.5, "the widest gap in the line of one wall that may separate two rooms", lo=0.5, hi=20.0
+    )
     opening_min_m: float = setting(0.4, "a narrower gap is no passage", lo=0.1, hi=1.0)
     constriction: float = setting(
         0.75, "an opening separates when its width is below this part of the space behind it", lo=0.1, hi=1.0
     )
     furniture_m: float = setting(1.0, "a free-standing thing up to this long is furniture, not a wall", lo=0.0, hi=3.0)
+    post_gap_m: float = setting(
+        0.6, "posts this near, with something at robot height between, are one wall", lo=0.0, hi=2.0
+    )
     wall_support: float = setting(
         0.4, "part of a room's rim that must stand on walls; less is the edge of what was seen", lo=0.0, hi=1.0
     )
@@ -44,6 +50,15 @@ class SegmentSettings:
         0.15, "outlines may deviate by this much before corners are looked for", lo=0.05, hi=0.5
     )
     wall_reach_m: float = setting(0.15, "footprints grow by up to this much to reach the wall's face", lo=0.0, hi=0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What rooms are cut from: bool [H, W] each; lintel: structure above door height, None when that was not measured."""
+
+    free: NDArray[np.bool_]
+    wall: NDArray[np.bool_]
+    lintel: NDArray[np.bool_] | None
 
 
 def segment_map(
@@ -57,19 +72,50 @@ def segment_map(
         raise ValueError(f"expected a [H, W] image and a positive resolution, got {image.shape} and {resolution_m}")
     free = image >= FREE_FROM
     frame = GridFrame((0.0, 0.0), resolution_m, *image.shape)
-    return segment(frame, free, ~free, settings or SegmentSettings(), (0.0, None))
+    return segment(frame, Plan(free, ~free, None), settings or SegmentSettings(), (0.0, None))
 
 
 def segment_evidence(evidence: PlanEvidence, settings: SegmentSettings) -> RoomSegmentation:
     """Rooms of the map as seen from above."""
-    free = evidence.free & ~evidence.wall
     heights = (evidence.floor_z_m, evidence.ceiling_z_m)
-    return segment(evidence.frame, free, evidence.wall, settings, heights)
+    wall = solid_walls(evidence.wall, evidence.low, settings, evidence.frame.resolution_m)
+    return segment(evidence.frame, Plan(evidence.free & ~wall, wall, evidence.lintel), settings, heights)
 
 
-def open_space(
-    free: NDArray[np.bool_], wall: NDArray[np.bool_], settings: SegmentSettings, resolution_m: float
+def solid_walls(
+    wall: NDArray[np.bool_], low: NDArray[np.bool_], settings: SegmentSettings, resolution_m: float
 ) -> NDArray[np.bool_]:
+    """bool [H, W]: walls without the things that hang or stand alone, closed where nobody can pass between their parts.
+
+    wall: structure above furniture height; low: anything at robot height. Gaps narrower than a passage are closed; where something
+    stands at robot height as well (folded doors, a partition that barely reaches up), gaps of up to ``post_gap_m``.
+    """
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(wall.astype(np.uint8), connectivity=8)
+    extent = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * resolution_m
+    beneath = np.bincount(labels[low], minlength=len(stats))
+    hangs = (extent <= settings.furniture_m) & (beneath < 0.2 * stats[:, cv2.CC_STAT_AREA])  # a lamp
+    hangs[0] = True
+    standing = ~hangs[labels]
+    narrow = _bridged(standing, 0.75 * settings.opening_min_m / resolution_m)
+    posts = _bridged(standing, settings.post_gap_m / resolution_m) & low
+    return np.asarray(standing | narrow | posts)
+
+
+def _bridged(mask: NDArray[np.bool_], gap: float) -> NDArray[np.bool_]:
+    """Mask closed along straight lines of 12 directions over gaps of up to ``gap`` cells. Outside the grid nothing stands."""
+    reach = round(gap / 2)
+    padded = np.pad(mask, 2 * reach + 1).astype(np.uint8)
+    result = padded.copy()
+    for angle in np.pi * np.arange(12) / 12:
+        line = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+        step = np.rint(np.array([np.cos(angle), np.sin(angle)]) * reach).astype(int)
+        cv2.line(line, (reach - step[0], reach - step[1]), (reach + step[0], reach + step[1]), 1)
+        result |= cv2.morphologyEx(padded, cv2.MORPH_CLOSE, line)
+    inner = slice(2 * reach + 1, -(2 * reach + 1))
+    return np.asarray(result[inner, inner] > 0)
+
+
+def open_space(free: NDArray[np.bool_], settings: SegmentSettings, resolution_m: float) -> NDArray[np.bool_]:
     """bool [H, W]: free cells, and what stands or hides alone inside them and is too small to be structure."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats((~free).astype(np.uint8), connectivity=8)
     extent = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * resolution_m
@@ -87,30 +133,26 @@ def open_space(
 
 
 def segment(
-    frame: GridFrame,
-    free: NDArray[np.bool_],
-    wall: NDArray[np.bool_],
-    settings: SegmentSettings,
-    heights: tuple[float, float | None],
+    frame: GridFrame, plan: Plan, settings: SegmentSettings, heights: tuple[float, float | None]
 ) -> RoomSegmentation:
-    """Rooms of free space [H, W] among walls [H, W]; heights: floor and ceiling z of the rooms."""
+    """Rooms of free space among walls; heights: floor and ceiling z of the rooms."""
     resolution = frame.resolution_m
     none = np.zeros((frame.height, frame.width), np.int32)
-    if not free.any():
+    if not plan.free.any():
         return RoomSegmentation(frame, none, (), ())
-    space = open_space(free, wall, settings, resolution)
-    solid = cv2.dilate(wall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    space = open_space(plan.free, settings, resolution)
+    solid = cv2.dilate(plan.wall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     dist = cutting.clearance(space)
     corners = cutting.find_corners(space, solid, settings.simplify_m / resolution)
-    found = cutting.find_cuts(
-        dist,
-        corners,
-        shortest=settings.opening_min_m / resolution,
+    reach = Reach(
+        shortest=2.0,  # leaks of thin walls are cut too, though nobody passes them
         longest=settings.opening_max_m / resolution,
-        wall=0.3 / resolution,
-        reach=0.75 / resolution,
+        longest_gap=settings.wall_gap_max_m / resolution,
+        taut=0.75 / resolution,
+        jamb=0.3 / resolution,
         depths=np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6]) / resolution,
     )
+    found = cutting.find_cuts(dist, corners, reach, plan.lintel)
     found = found.take(found.ratio <= 1.1)
     chosen = cutting.without_crossings(found, 0.3 / resolution)
     pieces, borders = cut_pieces(space, chosen)
