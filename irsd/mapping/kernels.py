@@ -44,7 +44,7 @@ def pack_blocks(block_keys: IntArray) -> IntArray:
 def unpack_blocks(packed: IntArray) -> IntArray:
     """Block keys [B, 3] of packed ones [B]."""
     parts = [(packed >> (2 * KEY_BITS)) & _KEY_MASK, (packed >> KEY_BITS) & _KEY_MASK, packed & _KEY_MASK]
-    return np.stack(parts, -1) - _KEY_OFFSET
+    return np.asarray(np.stack(parts, -1) - _KEY_OFFSET, np.int64)
 
 
 def addressable(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.bool_]:
@@ -62,7 +62,7 @@ def local_offsets() -> NDArray[np.int64]:
 def coarse_of_local() -> NDArray[np.int64]:
     """[512] coarse cell (0..63) of each voxel of a block."""
     x, y, z = (local_offsets() >> 1).T
-    return (x * COARSE_EDGE + y) * COARSE_EDGE + z
+    return np.asarray((x * COARSE_EDGE + y) * COARSE_EDGE + z, np.int64)
 
 
 def group_moments(points: Floats, group: IntArray, count: int) -> Floats:

@@ -65,9 +65,10 @@ class Mapper:
 
     def _usable(self, points: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float32]:
         """The finite points within max_range_m of the sensor."""
-        near = ((points - origin.astype(np.float32)) ** 2).sum(-1) < self.settings.max_range_m**2  # False for NaN
+        delta = np.asarray(points - origin.astype(np.float32), np.float32)
+        near = np.einsum("ij,ij->i", delta, delta) < self.settings.max_range_m**2  # False for NaN
         self._ignored += int(len(points) - near.sum())
-        return points[near]
+        return np.asarray(points[near], np.float32)
 
     def _learn_walls(self, surface: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
         """Feed the upright surface near the ceiling to the wall lines and refit the tiles that were seen."""

@@ -17,6 +17,7 @@ from irsd.core.settings import setting
 from irsd.mapping import kernels
 
 BODY_SLICES = 24  # about 5 cm each: a bed seen at a grazing angle is not erased by the rays just above it
+LOW_SLICES = BODY_SLICES // 3  # a ray through these passes under what furniture there is
 TALL = BODY_SLICES  # slice between the robot's height and wall_low_m
 WALL = BODY_SLICES + 1  # just above furniture, below door lintels
 LINTEL = BODY_SLICES + 2  # from the lintels to the ceiling
@@ -45,7 +46,7 @@ class OccupancySettings:
     highest: int = setting(60, "log-odds are clamped here, so that what moved away fades", lo=1, hi=120)
     lowest: int = setting(-40, "log-odds are clamped here", lo=-120, hi=-1)
     occupied: int = setting(10, "log-odds from which a slice is occupied", lo=0, hi=120)
-    max_rays: int = setting(3000, "rays per scan that free cells (the others take turns)", lo=100, hi=1_000_000)
+    max_rays: int = setting(2500, "rays per scan that free cells (the others take turns)", lo=100, hi=1_000_000)
     ray_range_m: float = setting(12.0, "rays free cells up to this range", lo=1.0, hi=100.0)
     footprint_m: float = setting(0.2, "radius around the robot that is free because it stands there", lo=0.0, hi=1.0)
 
@@ -71,6 +72,14 @@ class PlanArea:
         """(row, col) [N, 2] on the present rectangle of points [N, 2+]."""
         absolute = np.floor(np.asarray(points[:, 1::-1], np.float64) / self.resolution_m).astype(np.int64)
         return absolute - self.low
+
+    def locate(self, points: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Flat cell numbers [N] (row * width + col; 0 outside) of points [N, 2+], and whether they lie inside [N]."""
+        scale = 1 / self.resolution_m
+        row = np.floor(points[:, 1].astype(np.float64) * scale).astype(np.int64) - self.low[0]
+        col = np.floor(points[:, 0].astype(np.float64) * scale).astype(np.int64) - self.low[1]
+        inside = (row >= 0) & (col >= 0) & (row < self.shape[0]) & (col < self.shape[1])
+        return np.where(inside, row * self.shape[1] + col, 0), inside
 
     def cover(self, low_xy: NDArray[np.floating], high_xy: NDArray[np.floating]) -> tuple[int, int, int, int] | None:
         """Grow to hold the box; returns the padding (top, bottom, left, right) in cells, None when nothing changes."""
@@ -242,10 +251,12 @@ class SliceGrid:
 
     # ------------------------------------------------------------------------------------------------ reading
     def navigation(self) -> tuple[GridFrame, NDArray[np.int8]]:
-        """(frame, int8 [H, W]): 100 where any body slice is occupied, 0 where one was passed or the floor seen, else -1."""
-        body = self.odds[:BODY_SLICES]
-        highest, lowest = body.max(0), body.min(0)
-        free = (lowest < 0) | (self.odds[FLOOR] > 0)
+        """(frame, int8 [H, W]): 100 where any body slice is occupied, 0 where the floor was seen or passed over low, else -1.
+
+        A ray that passes high says nothing of what stands below it: behind a kitchen counter's edge is not free.
+        """
+        highest = self.odds[:BODY_SLICES].max(0)
+        free = (self.odds[:LOW_SLICES].min(0) < 0) | (self.odds[FLOOR] > 0)
         cells = np.where(highest >= self.settings.occupied, 100, np.where(free, 0, -1)).astype(np.int8)
         return self.area.frame, cells
 

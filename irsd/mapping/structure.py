@@ -45,7 +45,7 @@ class StructureSettings:
     wall_length_m: float = setting(0.5, "shortest stretch of line (in a 1 m window) that is a wall", lo=0.1, hi=1.0)
     wall_spread_m: float = setting(0.035, "standard deviation across a wall's line at most", lo=0.005, hi=0.2)
     refit_scans: int = setting(8, "a wall tile is fitted again after this many scans", lo=1, hi=1000)
-    sweep_rows: int = setting(4096, "voxels per scan, in turn, whose label is brought up to date", lo=0, hi=1_000_000)
+    sweep_rows: int = setting(2048, "voxels per scan, in turn, whose label is brought up to date", lo=0, hi=1_000_000)
 
 
 class Levels:
@@ -121,9 +121,8 @@ class LevelMap:
 
     def _blend(self, which: int, surface: NDArray[np.float32]) -> None:
         """Floor: follow the mean. Ceiling: follow the highest patch; lower ones (lamps, cupboard tops) don't count."""
-        cells = self.area.cells_of(surface)
-        inside = (cells[:, 0] >= 0) & (cells[:, 1] >= 0) & (cells < self.area.shape).all(-1)
-        place, group = np.unique(cells[inside, 0] * self.area.shape[1] + cells[inside, 1], return_inverse=True)
+        cells, inside = self.area.locate(surface)
+        place, group = np.unique(cells[inside], return_inverse=True)
         z = surface[inside, 2]
         flat = self._heights[which].reshape(-1)
         old = flat[place]
@@ -141,11 +140,12 @@ class LevelMap:
         """Floor and ceiling heights [N] at points [N, 2+]; where unknown, those near the robot (ceiling +inf if unknown)."""
         floor = np.full(len(points), levels.floor_z_m, np.float32)
         ceiling = np.full(len(points), np.inf if levels.ceiling_z_m is None else levels.ceiling_z_m, np.float32)
-        cells = self.area.cells_of(points)
-        inside = (cells[:, 0] >= 0) & (cells[:, 1] >= 0) & (cells < self.area.shape).all(-1)
+        if not self._heights.size:
+            return floor, ceiling
+        cells, inside = self.area.locate(points)
         for which, level in ((0, floor), (1, ceiling)):
-            here = self._heights[which][cells[inside, 0], cells[inside, 1]]
-            level[inside] = np.where(np.isnan(here), level[inside], here)
+            here = self._heights[which].reshape(-1)[cells]
+            np.copyto(level, here, where=inside & ~np.isnan(here))
         return floor, ceiling
 
 
@@ -157,6 +157,7 @@ class WallLines:
         self.area = PlanArea(_TILE_M, max_area_m2)
         self._moments = np.zeros((0, 0, _SECTORS, 6))
         self._fits = np.zeros((0, 0, _SECTORS, 4), np.float32)  # n_x, n_y, offset (n . xy), 1 = valid
+        self._valid = np.zeros((0, 0), np.bool_)  # any valid line in the tile
         self._fitted = np.zeros((0, 0), np.int64)  # clock of the last fit; -1 = no evidence within reach
         self._clock = 0
 
@@ -165,11 +166,10 @@ class WallLines:
         if not len(points):
             return
         self._cover(points)
-        cells = self.area.cells_of(points)
-        inside = (cells >= 0).all(-1) & (cells < self.area.shape).all(-1)
+        cells, inside = self.area.locate(points)
         cells, xy, normals = cells[inside], points[inside, :2].astype(np.float64), normals[inside]
         sector = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi / _SECTORS)).astype(np.int64) % _SECTORS
-        place = (cells[:, 0] * self.area.shape[1] + cells[:, 1]) * _SECTORS + sector
+        place = cells * _SECTORS + sector
         unique, group = np.unique(place, return_inverse=True)
         x, y = xy.T
         columns = (None, x, y, x * x, x * y, y * y)
@@ -194,13 +194,10 @@ class WallLines:
         self._clock += 1
         if not len(points) or not self._moments.size:
             return
-        cells = self.area.cells_of(points)
-        cells = cells[(cells >= 0).all(-1) & (cells < self.area.shape).all(-1)]
-        flat = np.unique(cells[:, 0] * self.area.shape[1] + cells[:, 1])
-        row, col = flat // self.area.shape[1], flat % self.area.shape[1]
-        fitted = self._fitted[row, col]
+        cells, inside = self.area.locate(points)
+        fitted = self._fitted.reshape(-1)[cells]
         due = (fitted == 0) | ((fitted > 0) & (self._clock - fitted >= self._settings.refit_scans))
-        row, col = row[due], col[due]
+        row, col = np.divmod(np.unique(cells[due & inside]), self.area.shape[1])
         if not len(row):
             return
         self._fitted[row, col] = self._clock
@@ -213,7 +210,9 @@ class WallLines:
         # A tile's evidence counts for the sector it faces and both beside it; [T * sectors, tiles * 3, 6].
         parts = np.concatenate([np.roll(gathered, turn, 2) for turn in (-1, 0, 1)], 1)
         parts = parts.transpose(0, 2, 1, 3).reshape(len(row) * _SECTORS, -1, 6)
-        self._fits[row, col] = self._lines(parts).reshape(len(row), _SECTORS, 4)
+        fits = self._lines(parts).reshape(len(row), _SECTORS, 4)
+        self._fits[row, col] = fits
+        self._valid[row, col] = (fits[..., 3] > 0).any(-1)
 
     def _lines(self, parts: kernels.Floats) -> NDArray[np.float32]:
         """Lines [L, 4] (n_x, n_y, offset, valid) through the parts [L, P, 6] that agree on one; others are left out."""
@@ -249,13 +248,11 @@ class WallLines:
         faces as the wall does; the patch is an average, so it tells a picture from the wall where single points can't.
         """
         result = np.zeros(len(points), np.bool_)
-        cells = self.area.cells_of(points)
-        inside = np.flatnonzero((cells[:, 0] >= 0) & (cells[:, 1] >= 0) & (cells < self.area.shape).all(-1))
-        if not len(inside):
+        if not self._fits.size:
             return result
-        fits = self._fits[cells[inside, 0], cells[inside, 1]]
-        some = fits[..., 3].max(-1) > 0
-        inside, fits = inside[some], fits[some]
+        cells, in_area = self.area.locate(points)
+        inside = np.flatnonzero(in_area & self._valid.reshape(-1)[cells])
+        fits = self._fits.reshape(-1, _SECTORS, 4)[cells[inside]]
         n_x, n_y, offset, valid = fits.transpose(2, 1, 0)  # [sectors, M] each
         point, patch, normal = points[inside].T, surface[inside].T, normals[inside].T
         unknown = (normal[0] == 0) & (normal[1] == 0)
@@ -275,6 +272,7 @@ class WallLines:
         plan = ((top, bottom), (left, right))
         self._moments = np.pad(self._moments, (*plan, (0, 0), (0, 0)))
         self._fits = np.pad(self._fits, (*plan, (0, 0), (0, 0)))
+        self._valid = np.pad(self._valid, plan)
         self._fitted = np.pad(self._fitted, plan, constant_values=-1)
 
 

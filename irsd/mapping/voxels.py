@@ -9,6 +9,7 @@ beyond ``max_voxels`` the blocks farthest from the robot are forgotten, and coun
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from irsd.core.settings import setting
 from irsd.mapping import kernels
 
+_Item = TypeVar("_Item", bound=np.generic)
 _EVICT_SHARE = 0.05  # of the bound, freed at once: an eviction pass looks at every block, so it must be rare
 _NEIGHBOURS = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), -1).reshape(27, 3)
 
@@ -58,7 +60,23 @@ class VoxelMap:
         # Points of the neighbour at +k lie at +k cells in this cell's coordinates.
         self._shifts = np.concatenate([kernels.shift_matrix(k * coarse_m) for k in _NEIGHBOURS]).astype(np.float32)
         self._coarse_neighbours = _coarse_neighbour_table()
-        self._allocate_rows(4096)
+        # By row: mean point (metres), points so far (bounded by memory_hits), label, stamp, slot * 512 + place in block.
+        self.mean = np.zeros((0, 3), np.float32)
+        self.hits = np.zeros(0, np.float32)
+        self.structure = np.zeros(0, np.uint8)
+        self.seen_ns = np.zeros(0, np.int64)
+        self.cell = np.zeros(0, np.int32)
+        # By slot: whether it holds a block, the block's key, the slots of the 27 blocks around, the row of each voxel.
+        self.block_used = np.zeros(0, np.bool_)
+        self.block_key = np.zeros((0, 3), np.int64)
+        self.neighbours = np.zeros((0, 27), np.int32)
+        self.index = np.zeros((0, kernels.BLOCK_VOXELS), np.int32)
+        # By coarse cell (slot * 64 + place): moments, normal (zero = unknown), the fitted patch's centroid, scans that hit.
+        self.moments = np.zeros((0, 10), np.float32)
+        self.normal = np.zeros((0, 3), np.float32)
+        self.surface = np.zeros((0, 3), np.float32)
+        self.touches = np.zeros(0, np.int32)
+        self._allocate_rows(min(4096, settings.max_voxels))
         self._allocate_slots(256)
 
     # ------------------------------------------------------------------------------------------------ reading
@@ -72,10 +90,8 @@ class VoxelMap:
 
     def coarse_of(self, rows: NDArray[np.integer]) -> NDArray[np.int64]:
         """Coarse cell numbers [M] of rows [M]."""
-        cell = self.cell[rows].astype(np.int64)
-        return (cell // kernels.BLOCK_VOXELS) * kernels.BLOCK_COARSE + self._coarse_of_local[
-            cell % kernels.BLOCK_VOXELS
-        ]
+        slot, local = np.divmod(self.cell[rows].astype(np.int64), kernels.BLOCK_VOXELS)
+        return np.asarray(slot * kernels.BLOCK_COARSE + self._coarse_of_local[local], np.int64)
 
     def live_rows(self) -> NDArray[np.int64]:
         """Row numbers in use, ascending. Costs a pass over the map."""
@@ -172,7 +188,7 @@ class VoxelMap:
         window = (gathered.reshape(len(todo), -1) @ self._shifts).astype(np.float64)
         normal, variance = kernels.plane_fits(window)
         planar = (window[:, 0] >= 5) & (variance[:, 1] > 0.4 * self.settings.voxel_m**2)
-        planar &= variance[:, 0] < 0.25 * variance[:, 1]
+        planar &= variance[:, 0] < 0.3 * variance[:, 1]
         size = 2 * self.settings.voxel_m
         place = np.stack([inner // 16, inner // 4 % 4, inner % 4], -1)
         centre = (self.block_key[slot] * kernels.COARSE_EDGE + place + 0.5) * size
@@ -253,8 +269,9 @@ class VoxelMap:
         for packed, slot in zip(kernels.pack_blocks(self.block_key[gone]).tolist(), gone.tolist(), strict=True):
             del self._slots[packed]
             self._free_slots.append(slot)
-        which, k = np.nonzero(self.neighbours[gone] >= 0)
-        self.neighbours[self.neighbours[gone][which, k], 26 - k] = -1
+        beside = self.neighbours[gone]
+        which, k = np.nonzero(beside >= 0)
+        self.neighbours[beside[which, k], 26 - k] = -1
         self._clear_slots(gone)
 
     def _clear_slots(self, slots: NDArray[np.int64]) -> None:
@@ -282,35 +299,31 @@ class VoxelMap:
         return made
 
     def _allocate_rows(self, size: int) -> None:
-        """Room for ``size`` rows. mean float32 [M, 3] metres; hits float32; structure uint8; seen_ns int64; cell int32."""
-        first = not hasattr(self, "hits")
-        self.mean: NDArray[np.float32] = _grown(None if first else self.mean, (size, 3), np.float32)
-        self.hits: NDArray[np.float32] = _grown(None if first else self.hits, (size,), np.float32)
-        self.structure: NDArray[np.uint8] = _grown(None if first else self.structure, (size,), np.uint8)
-        self.seen_ns: NDArray[np.int64] = _grown(None if first else self.seen_ns, (size,), np.int64)
-        self.cell: NDArray[np.int32] = _grown(None if first else self.cell, (size,), np.int32)
+        """Room for ``size`` rows."""
+        self.mean = _grown(self.mean, size)
+        self.hits = _grown(self.hits, size)
+        self.structure = _grown(self.structure, size)
+        self.seen_ns = _grown(self.seen_ns, size)
+        self.cell = _grown(self.cell, size)
 
     def _allocate_slots(self, size: int) -> None:
-        """Room for ``size`` blocks. moments, normal and surface (the fitted plane's centroid) are per coarse cell."""
-        first, size = not hasattr(self, "block_used"), min(size, self._max_blocks)
+        """Room for ``size`` blocks, within the bound."""
+        size = min(size, self._max_blocks)
+        self.block_used = _grown(self.block_used, size)
+        self.block_key = _grown(self.block_key, size)
+        self.neighbours = _grown(self.neighbours, size, -1)
+        self.index = _grown(self.index, size, -1)
         coarse = size * kernels.BLOCK_COARSE
-        self.block_used: NDArray[np.bool_] = _grown(None if first else self.block_used, (size,), np.bool_)
-        self.block_key: NDArray[np.int64] = _grown(None if first else self.block_key, (size, 3), np.int64)
-        self.neighbours: NDArray[np.int32] = _grown(None if first else self.neighbours, (size, 27), np.int32, -1)
-        self.index: NDArray[np.int32] = _grown(
-            None if first else self.index, (size, kernels.BLOCK_VOXELS), np.int32, -1
-        )
-        self.moments: NDArray[np.float32] = _grown(None if first else self.moments, (coarse, 10), np.float32)
-        self.normal: NDArray[np.float32] = _grown(None if first else self.normal, (coarse, 3), np.float32)
-        self.surface: NDArray[np.float32] = _grown(None if first else self.surface, (coarse, 3), np.float32)
-        self.touches: NDArray[np.int32] = _grown(None if first else self.touches, (coarse,), np.int32)
+        self.moments = _grown(self.moments, coarse)
+        self.normal = _grown(self.normal, coarse)
+        self.surface = _grown(self.surface, coarse)
+        self.touches = _grown(self.touches, coarse)
 
 
-def _grown(old: NDArray[np.generic] | None, shape: tuple[int, ...], dtype: type, fill: int = 0) -> NDArray:  # type: ignore[type-arg]
-    """A larger array that starts with the old one's rows."""
-    new = np.full(shape, fill, dtype)
-    if old is not None:
-        new[: len(old)] = old
+def _grown(old: NDArray[_Item], size: int, fill: int = 0) -> NDArray[_Item]:
+    """A longer array that starts with the old one's rows."""
+    new: NDArray[_Item] = np.full((size, *old.shape[1:]), fill, old.dtype)
+    new[: len(old)] = old
     return new
 
 
