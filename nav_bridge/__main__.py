@@ -1,0 +1,103 @@
+"""``nav-bridge``: run the bridge, or answer goals offline on a saved map."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import click
+
+from irsd.core.errors import IrsdError
+from nav_bridge.config import load_settings
+
+_CONFIG = click.option("--config", type=click.Path(path_type=Path, dir_okay=False), help="YAML file with settings.")
+
+
+@click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--robot", default=None, help="Name of the robot (overrides the config).")
+@click.option("--endpoint", default=None, help="zenoh endpoint of irsd (overrides the config and IRSD_ENDPOINT).")
+@click.option("-v", "--verbose", is_flag=True, help="Log details.")
+@_CONFIG
+@click.pass_context
+def main(context: click.Context, robot: str | None, endpoint: str | None, verbose: bool, config: Path | None) -> None:
+    """Drive a robot to what is named. Without a command: run until SIGINT or SIGTERM."""
+    if context.invoked_subcommand is not None:
+        return
+    from nav_bridge.bridge import run_bridge  # noqa: PLC0415  zenoh and the encoder are of no use to ``offline --help``
+
+    level = logging.DEBUG if verbose else logging.INFO
+    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    try:
+        run_bridge(load_settings(config), robot, endpoint)
+    except IrsdError as error:
+        raise click.ClickException(str(error)) from error
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("query", required=False)
+@click.option(
+    "--queries", type=click.Path(path_type=Path, dir_okay=False), help="JSON list of objects with id and text."
+)
+@click.option("--from", "start", default="0,0,0", help="Where the robot is: X,Y or X,Y,YAW in the map frame.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_CONFIG
+@click.pass_context
+def offline(
+    context: click.Context,
+    folder: Path,
+    query: str | None,
+    queries: Path | None,
+    start: str,
+    as_json: bool,
+    config: Path | None,
+) -> None:
+    """Answer QUERY, or all of --queries, on the map in FOLDER.
+
+    Exit code of a single query: 0 resolved, 3 ambiguous, 4 not found, 5 unreachable.
+    """
+    from nav_bridge.offline import EXIT_CODES, answer_all, load_queries  # noqa: PLC0415  as above
+
+    if (query is None) == (queries is None):
+        raise click.UsageError("give either a QUERY or --queries FILE")
+    robot = _pose(start)
+    try:
+        asked = load_queries(queries) if queries is not None else [(None, str(query))]
+        answers = answer_all(folder, asked, robot, load_settings(config))
+    except IrsdError as error:
+        raise click.ClickException(str(error)) from error
+    if as_json:
+        click.echo(json.dumps(answers if queries is not None else answers[0], ensure_ascii=False))
+    else:
+        for answer in answers:
+            click.echo(_line(answer))
+    context.exit(0 if queries is not None else EXIT_CODES[answers[0]["status"]])
+
+
+def _pose(text: str) -> tuple[float, float, float]:
+    parts = text.split(",")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise click.BadParameter("expected X,Y or X,Y,YAW", param_hint="--from")
+    return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
+
+
+def _line(answer: dict[str, Any]) -> str:
+    """One answer for people."""
+    target, approach = answer["target"], answer["approach"]
+    head = f"{answer['text']}: {answer['status']}"
+    if target is not None and approach is not None:
+        place = f" in {target['room']}" if target["room"] else ""
+        pose = f"x {approach['x']:.2f} y {approach['y']:.2f} yaw {approach['yaw']:.2f}"
+        return f"{head}: {target['instance']} {target['label']}{place}; stand at {pose}, {approach['distance_to_target_m']:.2f} m from it"
+    names = ", ".join(f"{c['instance']} {c['label']}" for c in answer["candidates"])
+    return f"{head}: {answer['why']['reason']}" + (f" ({names})" if names else "")
+
+
+if __name__ == "__main__":
+    main()

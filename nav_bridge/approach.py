@@ -1,0 +1,173 @@
+"""Where to stand: a pose in known free space, near the target's surface, looking at it, that the robot can get to.
+
+Distances are plan view, from the robot's centre to the target's points: what hangs high on a wall counts as if it stood below.
+Pure functions over arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from irsd.core.settings import setting
+from nav_bridge.route import CostMap, connected_to, line_cells, snap_to_passable
+
+_RAYS = 12  # target points a pose is checked for sight of
+
+
+@dataclass(frozen=True, slots=True)
+class ApproachSettings:
+    """Where to stand before a target."""
+
+    within_m: float = setting(
+        0.5, "farthest distance from the robot's centre to the target's nearest surface", lo=0.05, hi=10.0
+    )
+    best_m: float = setting(
+        0.42, "distance liked best; below within_m so that control error still ends within it", lo=0.0, hi=10.0
+    )
+    margin_m: float = setting(
+        0.03, "distances within this of within_m are used only when nothing better exists", lo=0.0, hi=1.0
+    )
+    comfort_m: float = setting(
+        0.40, "clearance round the robot's centre that is enough: more is not better", lo=0.0, hi=5.0
+    )
+    outlier_points: int = setting(
+        3, "the surface begins where this many target points are: fewer are taken for noise", lo=1, hi=50
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ApproachPose:
+    """Where to stand. distance_m: plan distance to the target's nearest surface; clearance_m: to the next obstacle.
+
+    sees: share of the target's points that no obstacle hides, 0..1.
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    distance_m: float
+    clearance_m: float
+    sees: float
+
+
+@dataclass(frozen=True, slots=True)
+class Unreachable:
+    """No pose fulfils the demand. best_m: the least distance any reachable pose has, None when none is reachable."""
+
+    reason: str
+    best_m: float | None
+
+
+def surface_distance(
+    target_xy: NDArray[np.floating], xy: NDArray[np.floating], outlier_points: int = 1
+) -> NDArray[np.float64]:
+    """[N] plan distance of places [N, 2] to the target's points [M, 2]: the k-th nearest, so that lone noise does not count."""
+    points = np.asarray(target_xy, np.float64)[:, :2]
+    k = min(outlier_points, max(1, len(points) // 10))
+    away, _ = cKDTree(points).query(np.asarray(xy, np.float64)[:, :2], k=[k])
+    return np.asarray(away[:, -1], np.float64)
+
+
+def find_approach(
+    costs: CostMap,
+    target_xy: NDArray[np.floating],
+    robot_xy: tuple[float, float],
+    settings: ApproachSettings,
+    *,
+    start_reach_m: float = 0.8,
+    room_xy: Sequence[tuple[float, float]] = (),
+) -> ApproachPose | Unreachable:
+    """The best pose for a target's points [N, 2+] (map frame), or why there is none.
+
+    room_xy: outline of the target's room. Poses in it are preferred: a thin wall between pose and target is then no way round
+    the distance. Everything is in the map frame, metres.
+    """
+    points = np.asarray(target_xy, np.float64)[:, :2]
+    if not len(points):
+        return Unreachable("the target has no points", None)
+    start = snap_to_passable(costs, robot_xy, start_reach_m)
+    if start is None:
+        return Unreachable("the robot stands where the map has no free space", None)
+    cells = np.argwhere(connected_to(costs, start))
+    xy = costs.frame.centres_of(cells)
+    away = surface_distance(points, xy, settings.outlier_points)
+    if away.min() > settings.within_m:
+        return Unreachable(f"the nearest place to stand is {away.min():.2f} m from its surface", float(away.min()))
+    near = np.flatnonzero(away <= settings.within_m)
+    cells, xy, away = cells[near], xy[near], away[near]
+    clear = costs.clear_m[cells[:, 0], cells[:, 1]]
+    inside = in_polygon(xy, room_xy) if len(room_xy) >= 3 else np.ones(len(xy), bool)
+    sees = sight(costs, xy, points)
+    price = _price(away, clear, sees, inside, settings) + 0.01 * np.hypot(*(xy - robot_xy).T)
+    best = int(price.argmin())
+    yaw = _yaw_to(xy[best], points)
+    x, y = (round(float(v), 4) for v in xy[best])
+    return ApproachPose(x, y, yaw, float(away[best]), float(clear[best]), float(sees[best]))
+
+
+def _price(
+    away: NDArray[np.float64],
+    clear: NDArray[np.float32],
+    sees: NDArray[np.float64],
+    inside: NDArray[np.bool_],
+    settings: ApproachSettings,
+) -> NDArray[np.float64]:
+    """What each pose [N] is worth less: distance, tightness, hidden target, wrong side of a wall. Metres, roughly."""
+    best = min(settings.best_m, settings.within_m - settings.margin_m)
+    distance = np.abs(away - best) * np.where(away > best, 4.0, 1.0)
+    late = np.clip(away - (settings.within_m - settings.margin_m), 0.0, None) * 20.0
+    tight = np.clip(settings.comfort_m - clear, 0.0, None) * 2.0
+    return np.asarray(distance + late + tight + 0.8 * (1.0 - sees) + np.where(inside, 0.0, 1.0))
+
+
+def sight(costs: CostMap, xy: NDArray[np.floating], target_xy: NDArray[np.floating]) -> NDArray[np.float64]:
+    """[N] share of a sample of target points [M, 2] that each place [N, 2] sees past obstacles, in plan.
+
+    Cells that hold target points are part of the target and hide nothing.
+    """
+    frame = costs.frame
+    blocked = costs.blocked.copy()
+    own = frame.cells_of(target_xy)
+    own = own[frame.inside(own)]
+    blocked[own[:, 0], own[:, 1]] = False
+    out = np.zeros(len(xy))
+    for n, place in enumerate(np.asarray(xy, np.float64)):
+        order = np.argsort(np.hypot(*(target_xy - place).T), kind="stable")
+        # Nearest half: the far side of a thing is hidden by the thing itself.
+        sample = target_xy[order[: max(1, len(order) // 2)]]
+        sample = sample[:: max(1, len(sample) // _RAYS)][:_RAYS]
+        seen = 0
+        for point in sample:
+            line = line_cells(frame, place, point)
+            seen += not blocked[line[:, 0], line[:, 1]].any()
+        out[n] = seen / len(sample)
+    return out
+
+
+def in_polygon(xy: NDArray[np.floating], polygon_xy: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """[N] True for points [N, 2] inside a polygon (even-odd rule)."""
+    corners = np.asarray(polygon_xy, np.float64)
+    x, y = np.asarray(xy, np.float64)[:, :2].T
+    inside = np.zeros(len(x), bool)
+    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, 0), strict=True):
+        if ay == by:
+            continue
+        crosses = (ay > y) != (by > y)
+        inside ^= crosses & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+    return inside
+
+
+def _yaw_to(place: NDArray[np.float64], points: NDArray[np.float64]) -> float:
+    """Heading towards the target: between its nearest surface and its middle, so that long things are faced squarely."""
+    away = np.hypot(*(points - place).T)
+    near = points[away <= away.min() + 0.15].mean(0)
+    dx, dy = near - place
+    if math.hypot(dx, dy) < 1e-6:
+        dx, dy = points.mean(0) - place
+    return round(math.atan2(dy, dx), 4)

@@ -1,0 +1,286 @@
+"""From where the robot stands to where it shall stand: A* on the inflated occupancy, straightened, cut into waypoints.
+
+Pure functions over arrays. A ``CostMap`` is made once per map; every plan on it is a search, no search touches the map.
+Cells are (row, col) of a ``GridFrame``; occupancy is int8: -1 unknown, 0 free, 100 occupied.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from irsd.core.grid import GridFrame
+from irsd.core.settings import setting
+
+_DIAGONAL = math.sqrt(2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RouteSettings:
+    """How to drive from place to place."""
+
+    robot_radius_m: float = setting(
+        0.20, "radius of the circle round the robot's centre that holds its body", lo=0.0, hi=5.0
+    )
+    clearance_m: float = setting(0.02, "distance kept beyond the radius, always", lo=0.0, hi=2.0)
+    comfort_m: float = setting(
+        0.25, "distance beyond radius and clearance that is preferred where there is room", lo=0.0, hi=5.0
+    )
+    comfort_weight: float = setting(
+        3.0, "how many times longer a way may be that keeps the comfort distance", lo=0.0, hi=50.0
+    )
+    spacing_m: float = setting(1.0, "longest distance between two waypoints", lo=0.1, hi=100.0)
+    unknown: str = setting(
+        "avoid", "cells never seen: avoid them or allow driving into them", choices=("avoid", "allow")
+    )
+    start_reach_m: float = setting(
+        0.8, "how far a robot that stands too close to something may move to get clear", lo=0.0, hi=5.0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CostMap:
+    """The map as the search sees it.
+
+    clear_m: float32 [H, W], distance of a cell's centre to the next blocked cell's centre. passable: bool [H, W], the robot's
+    centre may be there. cost: float32 [H, W] >= 1, price of a metre in a cell. blocked: bool [H, W].
+    """
+
+    frame: GridFrame
+    blocked: NDArray[np.bool_]
+    clear_m: NDArray[np.float32]
+    passable: NDArray[np.bool_]
+    cost: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """waypoints: (x_m, y_m, yaw_rad) in the map frame, the first where the robot is, the last where it shall stand."""
+
+    waypoints: tuple[tuple[float, float, float], ...]
+    length_m: float
+    clearance_m: float
+
+
+def make_cost_map(frame: GridFrame, occupancy: NDArray[np.int8], settings: RouteSettings) -> CostMap:
+    """The search's view of an occupancy grid [H, W]. Beyond the grid's edge nothing is known."""
+    cells = np.asarray(occupancy)
+    if cells.shape != (frame.height, frame.width):
+        raise ValueError(f"occupancy {cells.shape}, its frame says {(frame.height, frame.width)}")
+    obstacle = cells >= 50
+    blocked = obstacle | (cells < 0) if settings.unknown == "avoid" else obstacle
+    edge_is_blocked = settings.unknown == "avoid"
+    padded = np.pad(blocked, 1, constant_values=edge_is_blocked)
+    if padded.any():
+        clear = ndimage.distance_transform_edt(~padded, sampling=frame.resolution_m)[1:-1, 1:-1].astype(np.float32)
+    else:
+        clear = np.full(cells.shape, 1e6, np.float32)
+    hard = settings.robot_radius_m + settings.clearance_m
+    passable = (clear >= hard) & ~blocked
+    lacking = np.clip((hard + settings.comfort_m - clear) / max(settings.comfort_m, 1e-6), 0.0, 1.0)
+    cost = (1.0 + settings.comfort_weight * lacking**2).astype(np.float32)
+    return CostMap(frame, blocked, clear, passable, cost)
+
+
+def snap_to_passable(costs: CostMap, xy: tuple[float, float], reach_m: float) -> tuple[int, int] | None:
+    """The passable cell nearest to a place, at most reach_m away; None when there is none."""
+    frame = costs.frame
+    row, col = (int(v) for v in frame.cells_of(np.array([xy]))[0])
+    k = math.ceil(reach_m / frame.resolution_m) + 1
+    r0, c0 = max(0, row - k), max(0, col - k)
+    window = costs.passable[r0 : max(r0, row + k + 1), c0 : max(c0, col + k + 1)]
+    found = np.argwhere(window) + [r0, c0]
+    if not len(found):
+        return None
+    away = np.hypot(*(frame.centres_of(found) - xy).T)
+    best = int(away.argmin())
+    half_cell = frame.resolution_m
+    return (int(found[best, 0]), int(found[best, 1])) if away[best] <= max(reach_m, half_cell) else None
+
+
+def connected_to(costs: CostMap, cell: tuple[int, int]) -> NDArray[np.bool_]:
+    """bool [H, W]: passable cells that the robot can get to from a passable cell."""
+    labels, _ = ndimage.label(costs.passable, structure=_cross())
+    return np.asarray((labels == labels[cell]) & costs.passable)
+
+
+def _cross() -> NDArray[np.int_]:
+    return ndimage.generate_binary_structure(2, 1)
+
+
+def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.int64] | None:
+    """Cheapest 8-connected way [K, 2] of passable cells from start to goal, both included; None when there is none.
+
+    A step costs its length in cells times the mean cost of its two cells; diagonal steps never cut a corner. The heuristic
+    (octile distance) never over-estimates because a cell costs at least 1: the way is optimal.
+    """
+    if not (costs.passable[start] and costs.passable[goal]):
+        return None
+    # A ring of impassable cells spares the inner loop all tests for the edge.
+    width = costs.frame.width + 2
+    open_cell: list[bool] = np.pad(costs.passable, 1).ravel().tolist()
+    price: list[float] = np.pad(costs.cost * 0.5, 1).ravel().tolist()
+    rows, cols = np.ogrid[-1 : costs.frame.height + 1, -1 : costs.frame.width + 1]
+    dr, dc = np.abs(rows - goal[0]), np.abs(cols - goal[1])
+    ahead: list[float] = (np.maximum(dr, dc) + (_DIAGONAL - 1.0) * np.minimum(dr, dc)).ravel().tolist()
+    source, target = (start[0] + 1) * width + start[1] + 1, (goal[0] + 1) * width + goal[1] + 1
+    came = _search(open_cell, price, ahead, width, source, target)
+    if came is None:
+        return None
+    chain = [target]
+    while chain[-1] != source:
+        chain.append(came[chain[-1]])
+    flat = np.array(chain[::-1], np.int64)
+    return np.stack([flat // width - 1, flat % width - 1], 1)
+
+
+def _search(
+    open_cell: list[bool], price: list[float], ahead: list[float], width: int, source: int, target: int
+) -> dict[int, int] | None:
+    """Predecessors of the cells on the way from source to target, or None. Flat indices, deterministic ties.
+
+    price: half the cost of each cell; ahead: the heuristic. The loop is plain Python over lists: it visits few cells, and
+    indexing lists is several times faster than indexing arrays.
+    """
+    up, down = width, -width
+    # (step, the two cells that must be free so that the diagonal cuts no corner)
+    diagonal = ((up + 1, up, 1), (up - 1, up, -1), (down + 1, down, 1), (down - 1, down, -1))
+    best = [math.inf] * len(open_cell)
+    best[source] = 0.0
+    came: dict[int, int] = {}
+    queue: list[tuple[float, int]] = [(ahead[source], source)]
+    push, pop, infinite = heapq.heappush, heapq.heappop, -math.inf
+    while queue:
+        _, here = pop(queue)
+        if here == target:
+            return came
+        so_far = best[here]
+        if so_far == infinite:  # expanded before: the heuristic is consistent, the first time was the best
+            continue
+        best[here] = infinite
+        here_price = price[here]
+        for step in (1, -1, up, down):
+            there = here + step
+            if open_cell[there]:
+                total = so_far + here_price + price[there]
+                if total < best[there]:
+                    best[there] = total
+                    came[there] = here
+                    push(queue, (total + ahead[there], there))
+        for step, a, b in diagonal:
+            there = here + step
+            if open_cell[there] and open_cell[here + a] and open_cell[here + b]:
+                total = so_far + _DIAGONAL * (here_price + price[there])
+                if total < best[there]:
+                    best[there] = total
+                    came[there] = here
+                    push(queue, (total + ahead[there], there))
+    return None
+
+
+def path_cost(costs: CostMap, path: NDArray[np.integer]) -> float:
+    """What ``find_path`` minimises, of a given way [K, 2]; in cells."""
+    cells = np.asarray(path)
+    price = costs.cost[cells[:, 0], cells[:, 1]].astype(np.float64)
+    length = np.hypot(*np.diff(cells, axis=0).T) if len(cells) > 1 else np.zeros(0)
+    return float((length * 0.5 * (price[:-1] + price[1:])).sum())
+
+
+def line_cells(frame: GridFrame, a_xy: NDArray[np.floating], b_xy: NDArray[np.floating]) -> NDArray[np.int64]:
+    """[K, 2] cells along a segment, sampled at a quarter of a cell; clipped to the grid by dropping what lies outside."""
+    a, b = np.asarray(a_xy, np.float64)[:2], np.asarray(b_xy, np.float64)[:2]
+    count = max(2, math.ceil(float(np.hypot(*(b - a))) / (0.25 * frame.resolution_m)) + 1)
+    cells = frame.cells_of(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
+    return cells[frame.inside(cells)]
+
+
+def _line_clearance(costs: CostMap, a_xy: NDArray[np.floating], b_xy: NDArray[np.floating]) -> float:
+    cells = line_cells(costs.frame, a_xy, b_xy)
+    return float(costs.clear_m[cells[:, 0], cells[:, 1]].min()) if len(cells) else 0.0
+
+
+def straighten(costs: CostMap, path: NDArray[np.integer], settings: RouteSettings) -> list[int]:
+    """Indices of the corners of a way [K, 2] that are kept: a shortcut is taken only where it comes no closer to obstacles
+    than the piece of way it replaces, or keeps the comfort distance."""
+    points = costs.frame.centres_of(path)
+    clear = costs.clear_m[path[:, 0], path[:, 1]]
+    comfort = settings.robot_radius_m + settings.clearance_m + settings.comfort_m
+    kept, here, last = [0], 0, len(path) - 1
+    while here < last:
+        step, reach = 1, here + 1
+        # Gallop, then halve: the farthest visible corner, with few line checks.
+        low, high = here + 1, last + 1
+        while low < high - 1:
+            middle = min(here + 2 * step, last) if reach == low and here + 2 * step < high else (low + high) // 2
+            middle = min(max(middle, low + 1), high - 1)
+            needed = min(comfort, float(clear[here : middle + 1].min())) - 1e-6
+            if _line_clearance(costs, points[here], points[middle]) >= needed:
+                low = reach = middle
+                step *= 2
+            else:
+                high = middle
+        here = low
+        kept.append(here)
+    return kept
+
+
+def plan_route(
+    costs: CostMap,
+    start_xy_yaw: tuple[float, float, float],
+    goal_xy_yaw: tuple[float, float, float],
+    settings: RouteSettings,
+) -> Route | None:
+    """The way from where the robot is to where it shall stand, None when there is none.
+
+    The first waypoint is the robot's own pose, the last is exactly the goal; each waypoint between looks to the next.
+    """
+    start = snap_to_passable(costs, start_xy_yaw[:2], settings.start_reach_m)
+    goal = snap_to_passable(costs, goal_xy_yaw[:2], costs.frame.resolution_m)
+    path = find_path(costs, start, goal) if start is not None and goal is not None else None
+    if path is None:
+        return None
+    corners = costs.frame.centres_of(path[straighten(costs, path, settings)])
+    if len(corners) == 1:
+        corners = np.repeat(corners, 2, 0)
+    corners[-1] = goal_xy_yaw[:2]
+    here = np.array(start_xy_yaw[:2])
+    inside = bool(costs.frame.inside(costs.frame.cells_of(here[None]))[0])
+    if inside and _same_cell(costs.frame, here, corners[0]):
+        corners[0] = here
+    else:  # the robot stands where it should not (too close, or off the map): first move to the nearest good cell
+        corners = np.vstack([here, corners])
+    points = resample(corners, settings.spacing_m)
+    cells = costs.frame.cells_of(points[1:])
+    clearance = float(costs.clear_m[cells[:, 0], cells[:, 1]].min()) if len(cells) else 0.0
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    return Route(_with_headings(points, goal_xy_yaw[2]), length, clearance)
+
+
+def _same_cell(frame: GridFrame, a: NDArray[np.floating], b: NDArray[np.floating]) -> bool:
+    return bool((frame.cells_of(np.stack([a, b]))[0] == frame.cells_of(np.stack([a, b]))[1]).all())
+
+
+def resample(corners: NDArray[np.floating], spacing_m: float) -> NDArray[np.float64]:
+    """Corners [K, 2] with points put between so that no two are more than spacing_m apart; every corner stays, doubles go."""
+    out = [np.asarray(corners[0], np.float64)]
+    for corner in np.asarray(corners[1:], np.float64):
+        length = float(np.hypot(*(corner - out[-1])))
+        if length < 1e-6:
+            continue
+        pieces = max(1, math.ceil(length / spacing_m - 1e-9))
+        begin = out[-1]
+        out += [begin + (corner - begin) * (k / pieces) for k in range(1, pieces + 1)]
+    return np.asarray(out)
+
+
+def _with_headings(points: NDArray[np.float64], last_yaw_rad: float) -> tuple[tuple[float, float, float], ...]:
+    ahead = np.diff(points, axis=0)
+    yaws = [*np.arctan2(ahead[:, 1], ahead[:, 0]).tolist(), last_yaw_rad]
+    return tuple(
+        (round(float(x), 4), round(float(y), 4), round(float(t), 4)) for (x, y), t in zip(points, yaws, strict=True)
+    )

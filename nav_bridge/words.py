@@ -1,0 +1,300 @@
+"""The words of the goal grammar, as data: commands, relations, quantifiers, attributes and what things are for, in eight languages.
+
+Names of things and rooms are not here: they come from the alias table. Every phrase is folded (see ``fold``) before it is used,
+so accents and case may be written naturally.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Mapping
+from types import MappingProxyType
+
+LANGUAGES = ("en", "de", "fr", "es", "it", "ru", "zh", "ja")
+
+
+def fold(text: str) -> str:
+    """Lower case, Latin and Cyrillic accents dropped, punctuation as single blanks (the alias table's own form)."""
+    decomposed = unicodedata.normalize("NFKD", text.casefold())
+    kept = "".join(c for c in decomposed if not "\u0300" <= c <= "\u036f")
+    return " ".join(
+        re.sub(r"[\s\-_'’`´.,;:!?¿¡()\"„“”«»、。！？，]+", " ", unicodedata.normalize("NFKC", kept)).split()
+    )
+
+
+def _phrases(table: Mapping[str, str]) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+    """Per language, "a b | c" as token tuples, longest first."""
+    split = {lang: {tuple(fold(p).split()) for p in text.split("|")} for lang, text in table.items()}
+    return MappingProxyType({lang: tuple(sorted(p, key=lambda t: (-len(t), t))) for lang, p in split.items()})
+
+
+# What is said before the goal and means no more than "go".
+COMMANDS = _phrases(
+    {
+        "en": "go | go to | go over to | drive | drive to | navigate to | move to | head to | head over to | walk to | come to | travel to | "
+        "find | find me | look for | search for | search | locate | show me | show | get to | get | get me to | bring me to | bring me | take me to | "
+        "take me | guide me to | lead me to | fetch | where is | where s | where are | where can i find | where do i find | "
+        "i want to go to | i want to see | i want | i d like to go to | i would like to go to | i need to go to | i need | i m looking for | "
+        "i am looking for | we need | please | robot | hey robot | can you | could you | would you | will you | can you please | could you please | "
+        "approach | visit | reach | stop at | park at | park next to | stand at | stand in front of | stand next to | stand by | position yourself at | is there | "
+        "are there | do we have | let s go to | now | then | ok | okay | hey | send the robot to | send it to | let the robot go to",
+        "de": "geh | gehe | geh zu | gehe zu | geh zum | gehe zum | geh zur | gehe zur | fahr | fahre | fahr zu | fahr zum | fahr zur | fahre zu | fahre zum | "
+        "fahre zur | finde | such | suche | zeig mir | zeige mir | wo ist | wo sind | wo steht | wo hangt | bring mich zu | bring mich zum | bring mich zur | "
+        "bringe mich zum | bringe mich zur | ich suche | ich brauche | bitte | navigiere zu | navigiere zum | navigiere zur",
+        "fr": "va | va a | va au | va vers | aller a | aller au | allez a | allez au | trouve | trouver | cherche | ou est | ou se trouve | ou sont | "
+        "montre moi | emmene moi a | emmene moi au | amene moi a | conduis moi a | je cherche | s il te plait | s il vous plait | va jusqu a | va jusqu au | a | au",
+        "es": "ve | ve a | ve al | ir a | ir al | vaya a | vaya al | vamos a | vamos al | encuentra | busca | buscar | donde esta | donde estan | muestrame | "
+        "llevame a | llevame al | llevame hasta | necesito | por favor | navega a | navega al | navega hasta | al",
+        "it": "vai | vai a | vai al | vai alla | vai allo | vai all | vai verso | andare a | trova | cerca | dov e | dove e | dove si trova | dove sono | "
+        "mostrami | portami a | portami al | portami alla | portami allo | portami all | per favore | al | alla",
+        "ru": "иди к | иди ко | иди в | иди | поезжай к | поезжай ко | поезжай | езжай к | подойди к | подъезжай к | найди | найти | ищи | где | где находится | "
+        "где стоит | покажи | покажи мне | отвези меня к | отведи меня к | мне нужен | мне нужна | мне нужно | пожалуйста | к | ко",
+        "zh": "请 | 去 | 到 | 前往 | 走到 | 开到 | 移动到 | 导航到 | 导航去 | 找 | 找到 | 寻找 | 带我去 | 带我到 | 我要去 | 我想去 | 我要找 | 帮我找 | 给我找",
+        "ja": "ロボット",
+    }
+)
+# What is said after the goal.
+TAILS = _phrases(
+    {
+        "en": "please | now | thanks | thank you | for me | right now | quickly",
+        "de": "bitte",
+        "fr": "s il te plait | s il vous plait",
+        "es": "por favor",
+        "it": "per favore | per piacere",
+        "ru": "пожалуйста",
+        "zh": "在哪里 | 在哪儿 | 在哪 | 那里 | 那边 | 去 | 旁边去 | 吗 | 吧",
+        "ja": "まで行ってください | に行ってください | へ行ってください | まで行って | に行って | へ行って | まで移動して | に移動して | へ移動して | を探してください | を探して | "
+        "を見つけて | を見つけてください | はどこですか | はどこにありますか | はどこ | に連れて行って | へ連れて行って | まで連れて行って | に行く | へ行く | まで | へ",
+    }
+)
+# Words that tell a Latin-script language from another.
+_MARKS = {
+    "en": "i am me the a an to of with is my where next near at on under above beside between something somewhere please find go nearest any in for",
+    "de": "der die das den dem des ein eine einen einer neben im am auf unter über vor hinter zwischen bei mit zum zur wo ist beim "
+    "etwas nicht und kann ich der nähe von",
+    "fr": "le la les un une des du de dans sur sous près côté où est au aux devant derrière entre avec à quelque chose pour l d",
+    "es": "el la los las un una unos unas del de en sobre bajo debajo junto cerca lado dónde está delante detrás entre con al algo para encima",
+    "it": "il lo la gli le un una uno del della dello dei nel nella nello sul sulla sotto sopra accanto vicino davanti dietro tra fra con "
+    "in di da al alla qualcosa per dove l",
+}
+MARKS: Mapping[str, frozenset[str]] = MappingProxyType(
+    {lang: frozenset(fold(text).split()) for lang, text in _MARKS.items()}
+)
+
+# Relations: how the goal (or its room) is placed against something else.
+_RELATIONS: Mapping[str, Mapping[str, str]] = {
+    "near": {
+        "en": "next to | near | near to | nearby | beside | by | close to | adjacent to | alongside | around | to the side of | at the side of | left of | "
+        "right of | to the left of | to the right of | on the left of | on the right of | attached to | touching",
+        "de": "neben | nahe | bei | beim | in der nähe von | in der nähe vom | in der nähe des | in der nähe der | links von | rechts von | links vom | "
+        "rechts vom | links neben | rechts neben | direkt neben",
+        "fr": "à côté de | à côté du | à côté des | près de | près du | près des | à gauche de | à gauche du | à droite de | à droite du | proche de | proche du",
+        "es": "al lado de | al lado del | junto a | junto al | cerca de | cerca del | a la izquierda de | a la izquierda del | a la derecha de | a la derecha del",
+        "it": "accanto a | accanto al | accanto alla | accanto allo | accanto all | vicino a | vicino al | vicino alla | vicino allo | vicino all | "
+        "di fianco a | di fianco al | di fianco alla | presso | a fianco del | a fianco della",
+        "ru": "рядом с | рядом со | возле | около | у | близко к | недалеко от | слева от | справа от",
+    },
+    "at": {"en": "at | belonging to | for | of | from", "de": "am | an | an der | an dem | zu | zum | vom | von", "ru": "за"},
+    "of": {"fr": "de | du | de la | de l | des | d", "es": "de | del | de la | de los", "it": "di | del | della | dello | dell | dei | da"},
+    "on": {
+        "en": "on | on top of | atop | upon | lying on | sitting on | standing on | onto",
+        "de": "auf | oben auf",
+        "fr": "sur | au dessus sur",
+        "es": "sobre | encima de | encima del",
+        "it": "su | sul | sulla | sullo | sull | sopra",
+        "ru": "на",
+    },
+    "under": {
+        "en": "under | below | beneath | underneath",
+        "de": "unter | unterhalb | unterhalb von | unterm",
+        "fr": "sous | au dessous de | au dessous du | en dessous de | en dessous du",
+        "es": "bajo | debajo de | debajo del",
+        "it": "sotto | sotto a | sotto al | sotto alla",
+        "ru": "под",
+    },
+    "above": {
+        "en": "above | over | hanging over | hanging above",
+        "de": "über | oberhalb | oberhalb von | überm",
+        "fr": "au dessus de | au dessus du | au dessus des",
+        "es": "por encima de | por encima del | arriba de | arriba del",
+        "it": "al di sopra di | al di sopra del | al di sopra della | sopra di",
+        "ru": "над",
+    },
+    "front": {
+        "en": "in front of | before | facing | opposite | opposite to | opposite of | across from | ahead of",
+        "de": "vor | vorm | gegenüber | gegenüber von | gegenüber vom",
+        "fr": "devant | en face de | en face du",
+        "es": "delante de | delante del | frente a | frente al | enfrente de | enfrente del",
+        "it": "davanti a | davanti al | davanti alla | davanti allo | davanti all | di fronte a | di fronte al | di fronte alla",
+        "ru": "перед | напротив",
+    },
+    "behind": {
+        "en": "behind | in back of | at the back of",
+        "de": "hinter | hinterm",
+        "fr": "derrière",
+        "es": "detrás de | detrás del",
+        "it": "dietro | dietro a | dietro al | dietro alla",
+        "ru": "позади",
+    },
+    "between": {"en": "between | in between", "de": "zwischen", "fr": "entre", "es": "entre", "it": "tra | fra", "ru": "между"},
+    "in": {
+        "en": "in | inside | inside of | within | into",
+        "de": "im | in | in der | in dem | in den | ins | innerhalb",
+        "fr": "dans | en | à l intérieur de | à l intérieur du",
+        "es": "en | dentro de | dentro del",
+        "it": "in | nel | nella | nello | nell | nei | dentro | all interno del | all interno della",
+        "ru": "в | во | внутри",
+    },
+    "with": {"en": "with | that has | which has | having | holding", "de": "mit", "fr": "avec", "es": "con", "it": "con", "ru": "с | со"},
+    "without": {"en": "without", "de": "ohne", "fr": "sans", "es": "sin", "it": "senza", "ru": "без"},
+    "nearest": {"en": "closest to | nearest to | nearest | closest", "de": "am nächsten zu | am nächsten bei", "ru": "ближе всего к"},
+    "farthest": {"en": "farthest from | furthest from"},
+}  # fmt: skip
+
+
+def _relation_table() -> Mapping[str, tuple[tuple[tuple[str, ...], str], ...]]:
+    """Per language, (tokens, kind), longest first."""
+    out: dict[str, list[tuple[tuple[str, ...], str]]] = {lang: [] for lang in LANGUAGES}
+    for kind, by_language in _RELATIONS.items():
+        for lang, text in by_language.items():
+            out[lang] += [(tuple(fold(p).split()), kind) for p in text.split("|")]
+    return MappingProxyType({lang: tuple(sorted(rows, key=lambda r: (-len(r[0]), r))) for lang, rows in out.items()})
+
+
+RELATIONS = _relation_table()
+# Place words behind a thing: 沙发旁边的..., ソファの隣の...
+SUFFIX_RELATIONS: tuple[tuple[str, str], ...] = tuple(
+    sorted(
+        (
+            (word, kind)
+            for kind, words in {
+                "near": "旁边 旁 附近 边上 左边 右边 左侧 右侧 隣 横 そば 近く 脇 左 右 となり",
+                "on": "上面 上 うえ",
+                "under": "下面 底下 下 した",
+                "above": "上方 真上",
+                "front": "前面 前 对面 向かい まえ",
+                "behind": "后面 后 背后 後ろ うしろ 裏",
+                "in": "里面 里 内 中 のなか なか",
+            }.items()
+            for word in words.split()
+        ),
+        key=lambda pair: (-len(pair[0]), pair),
+    )
+)
+
+NEGATIONS = _phrases(
+    {
+        "en": "not | but not | and not | except | except for | other than | excluding | but not the one | not the one | except the one | not the ones | "
+        "that is not | which is not | that s not | that isn t | which isn t | that are not | not one | other than the one | apart from the one | instead of the one",
+        "de": "nicht | aber nicht | nicht der | nicht die | nicht das | außer",
+        "fr": "pas | pas celui | pas celle | mais pas | mais pas celui | mais pas celle | sauf",
+        "es": "no | pero no | no el | no la | pero no el | pero no la | excepto",
+        "it": "non | ma non | non quello | non quella | ma non quello | ma non quella | tranne",
+        "ru": "не | но не | не тот | не та | но не тот | кроме",
+    }
+)
+
+
+def words(text: str) -> frozenset[str]:
+    """Blank-separated words, folded, as a set."""
+    return frozenset(fold(text).split())
+
+
+ARTICLES = words(
+    "the a an this that these those my your our his her their its der die das den dem des ein eine einen einem einer eines mein meine "
+    "le la les l un une des mon ma mes du el los las unos unas mi il lo gli i uno una del della al alla той этот эта это"
+)
+INDEFINITE = words(
+    "a an any some anything something one either ein eine einen irgendein irgendeine un une uno una quelque algún alguna qualche какой-нибудь любой любая любое 任意 一个 どれか"
+)
+ANY = words(
+    "any some whichever irgendein irgendeine irgendeinen quelconque algún alguna cualquier qualsiasi qualche любой любая любое любую"
+)
+NEAREST = words(
+    "nearest closest nächste nächsten nächster nächstes nächstgelegene nächstgelegenen más-cercano cercano cercana ближайший ближайшая ближайшее ближайшую ближайшему"
+)
+FARTHEST = words("farthest furthest")
+LARGEST = words("largest biggest größte größten größter größtes самый-большой 最大")
+SMALLEST = words("smallest littlest tiniest kleinste kleinsten kleinster kleinstes 最小")
+TALLEST = words("tallest highest")
+LOWEST = words("lowest shortest")
+ORDINALS: Mapping[str, int] = MappingProxyType(
+    {
+        word: n
+        for n, row in enumerate(
+            ("first 1st erste", "second 2nd zweite", "third 3rd dritte", "fourth 4th vierte", "fifth 5th fünfte"), 1
+        )
+        for word in fold(row).split()
+    }
+)
+ME = words("me here us you robot mir hier moi ici mí aquí me-qui мне меня")
+PRONOUNS = words("it them top him one ones")
+# Words between a thing and its relation that say nothing: "the lamp that is standing on ...".
+FILLERS = words(
+    "that which is are was stands standing hanging hangs hung located placed lying lies sitting sits mounted kept stored situated there you can see just directly right "
+    "immediately somewhere one der die das steht stehen hängt liegt qui est se trouve que está esta situado che si trova è который которая которое стоит висит лежит находится"
+)
+CORNER = words("corner ecke coin esquina rincón angolo углу угол 角落 角 隅")
+FLOOR = words("floor ground boden fußboden sol suelo piso pavimento terra полу пол 地板 地上 床")
+WALL = words("wall walls wand mur pared muro parete стене стена 墙 墙上 壁")
+CEILING = words("ceiling decke plafond techo soffitto потолке потолок 天花板 天井")
+MIDDLE = words("middle centre center mitte milieu medio centro середине")
+
+_COLOURS = {
+    "red": "red rot rote roter rotes roten rouge rojo roja rosso rossa красный красная красное 红 红色 赤 赤い",
+    "orange": "orange orangefarben orangene naranja arancione оранжевый оранжевая 橙 橙色 橘色 オレンジ オレンジ色",
+    "yellow": "yellow gelb gelbe gelber gelbes gelben jaune amarillo amarilla giallo gialla желтый желтая желтое 黄 黄色 黄色い",
+    "green": "green grün grüne grüner grünes grünen vert verte verde зеленый зеленая зеленое 绿 绿色 緑 緑色",
+    "blue": "blue blau blaue blauer blaues blauen bleu bleue azul blu azzurro azzurra синий синяя синее голубой 蓝 蓝色 青 青い",
+    "purple": "purple violet lila violett violette morado morada viola фиолетовый 紫 紫色",
+    "pink": "pink rosa rose розовый 粉色 ピンク",
+    "brown": "brown braun braune brauner braunes marron marrón marrone коричневый коричневая 棕色 茶色",
+    "black": "black schwarz schwarze schwarzer schwarzes schwarzen noir noire negro negra nero nera черный черная черное 黑 黑色 黒 黒い",
+    "white": "white weiß weiße weißer weißes weißen blanc blanche blanco blanca bianco bianca белый белая белое 白 白色 白い",
+    "grey": "grey gray grau graue grauer graues gris grise grigio grigia серый серая серое 灰色",
+    "beige": "beige cream бежевый 米色",
+}
+_SIZES = {
+    "small": "small little tiny mini compact klein kleine kleiner kleines kleinen petit petite pequeño pequeña piccolo piccola маленький маленькая маленькое 小 小さい",
+    "large": "large big huge great groß große großer großes großen grand grande gran grosso большой большая большое 大 大きい",
+    "tall": "tall high hoch hohe hoher hohes haut haute alto alta высокий высокая",
+    "low": "low niedrig niedrige bas basse bajo baja basso bassa низкий низкая",
+    "long": "long lang lange langer langes longue largo larga lungo lunga длинный длинная",
+    "narrow": "narrow slim thin schmal schmale",
+    "wide": "wide broad breit breite",
+}
+_KINDS = {
+    "wooden": "wooden wood holz hölzern en-bois madera legno деревянный деревянная 木 木製",
+    "metal": "metal steel iron metallic metall metallen métal acero metallo металлический",
+    "glass": "glass gläsern verre cristal vetro стеклянный",
+    "plastic": "plastic kunststoff plastique plástico plastica",
+    "leather": "leather leder cuir cuero pelle кожаный",
+    "round": "round circular rund runde runder rundes rond ronde redondo redonda rotondo rotonda круглый круглая 圆 丸い",
+    "square": "square rectangular eckig quadratisch carré carrée cuadrado quadrato",
+    "standing": "standing floor-standing freestanding upright",
+    "wall-mounted": "wall-mounted mounted hanging wall",
+    "double": "double doppel",
+    "single": "single einzel",
+    "framed": "framed gerahmt gerahmte encadré encadrée",
+    "old": "old alt alte",
+    "new": "new neu neue",
+    "empty": "empty leer leere",
+    "open": "open offen offene",
+}
+
+
+def _attribute_table() -> Mapping[str, tuple[str, str]]:
+    groups = (("colour", _COLOURS), ("size", _SIZES), ("kind", _KINDS))
+    return MappingProxyType(
+        {
+            word: (group, name)
+            for group, table in groups
+            for name, text in table.items()
+            for word in fold(text.replace("-", "")).split()
+        }
+    )
+
+
+# Folded word -> (group, canonical English attribute).
+ATTRIBUTES = _attribute_table()
