@@ -7,6 +7,7 @@ nearest point of a wall opposite, or straight on along the wall it ends. Everyth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -294,6 +295,20 @@ def without_crossings(cuts: Cuts, near: float) -> Cuts:
             kept[len(chosen)] = ends
             chosen.append(int(i))
     return cuts.take(np.array(chosen, np.intp))
+
+
+def joined(rounds: Sequence[Cuts]) -> Cuts:
+    """All cuts of several finds."""
+    return Cuts(*(np.concatenate([getattr(cuts, name) for cuts in rounds]) for name in ("ends", "width", "ratio")))
+
+
+def drawn(cuts: Cuts, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """bool [H, W]: the cells that the cuts run through, each line unbroken for 4-connected space."""
+    canvas = np.zeros(shape, np.uint8)
+    for ends in cuts.ends:
+        (x0, y0), (x1, y1) = np.rint(ends).astype(int).tolist()
+        cv2.line(canvas, (x0, y0), (x1, y1), 1, 1, cv2.LINE_8)
+    return canvas > 0
 
 
 def _crosses(ends: FloatArray, others: FloatArray) -> NDArray[np.bool_]:

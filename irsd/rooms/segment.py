@@ -39,6 +39,9 @@ class SegmentSettings:
     constriction: float = setting(
         0.75, "an opening separates when its width is below this part of the space behind it", lo=0.1, hi=1.0
     )
+    doorway: float = setting(
+        0.45, "an opening below this part of the space behind it is a doorway beyond doubt", lo=0.05, hi=1.0
+    )
     furniture_m: float = setting(1.0, "a free-standing thing up to this long is furniture, not a wall", lo=0.0, hi=3.0)
     post_gap_m: float = setting(
         0.6, "posts this near, with something at robot height between, are one wall", lo=0.0, hi=2.0
@@ -143,18 +146,7 @@ def segment(
     space = open_space(plan.free, settings, resolution)
     solid = cv2.dilate(plan.wall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     dist = cutting.clearance(space)
-    corners = cutting.find_corners(space, solid, settings.simplify_m / resolution)
-    reach = Reach(
-        shortest=2.0,  # leaks of thin walls are cut too, though nobody passes them
-        longest=settings.opening_max_m / resolution,
-        longest_gap=settings.wall_gap_max_m / resolution,
-        taut=0.75 / resolution,
-        jamb=0.3 / resolution,
-        depths=np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6]) / resolution,
-    )
-    found = cutting.find_cuts(dist, corners, reach, plan.lintel)
-    found = found.take(found.ratio <= 1.1)
-    chosen = cutting.without_crossings(found, 0.3 / resolution)
+    chosen = choose_cuts(space, solid, plan.lintel, settings, resolution)
     pieces, borders = cut_pieces(space, chosen)
     room_of = merge_pieces(pieces, borders, chosen, dist, settings, resolution)
     labels = _filled(np.asarray(room_of[pieces]), space)
@@ -165,13 +157,35 @@ def segment(
     return RoomSegmentation(frame, labels, rooms, openings)
 
 
+def choose_cuts(
+    space: NDArray[np.bool_],
+    solid: NDArray[np.bool_],
+    lintel: NDArray[np.bool_] | None,
+    settings: SegmentSettings,
+    resolution_m: float,
+) -> Cuts:
+    """The cuts that are tried, none crossing another: clear doorways first, then what is left between closed doors."""
+    reach = Reach(
+        shortest=2.0,  # leaks of thin walls are cut too, though nobody passes them
+        longest=settings.opening_max_m / resolution_m,
+        longest_gap=settings.wall_gap_max_m / resolution_m,
+        taut=0.75 / resolution_m,
+        jamb=0.3 / resolution_m,
+        depths=np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6]) / resolution_m,
+    )
+    closed, rounds = space, []
+    for limit in (settings.doorway, 1.1):
+        corners = cutting.find_corners(closed, solid, settings.simplify_m / resolution_m)
+        found = cutting.find_cuts(cutting.clearance(closed), corners, reach, lintel)
+        rounds.append(cutting.without_crossings(found.take(found.ratio <= limit), reach.jamb))
+        closed = closed & ~cutting.drawn(rounds[-1], closed.shape)
+    return cutting.joined(rounds)
+
+
 def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Cut space along the cuts. Returns labels int32 [H, W] (0 = wall or cut) and borders int64 [B, 4]:
     (piece, piece, index of the cut, cells of it between the two), first piece < second."""
-    canvas = space.astype(np.uint8)
-    for ends in cuts.ends:
-        (x0, y0), (x1, y1) = np.rint(ends).astype(int).tolist()
-        cv2.line(canvas, (x0, y0), (x1, y1), 0, 1, cv2.LINE_8)
+    canvas = (space & ~cutting.drawn(cuts, space.shape)).astype(np.uint8)
     pieces = np.asarray(cv2.connectedComponents(canvas, connectivity=4)[1], np.int32)
     if not len(cuts.ends):
         return pieces, np.zeros((0, 4), np.int64)
@@ -226,13 +240,13 @@ def merge_pieces(
 
     def weakness(a: int, b: int) -> float:
         ratio, width = near[a][b]
-        constricted = min(ratio, width / max(min(disc[a], disc[b]), 1e-9))
-        return max(constricted, 1.8 * max(openness(a, b, width), openness(b, a, width)))
+        return min(ratio, width / max(min(disc[a], disc[b]), 1e-9))
 
-    def openness(a: int, b: int, width: float) -> float:
-        total = sum(w for _, w in near[a].values())
-        most = max(w for _, w in near[a].values())
-        return float(total / (total + rim[a])) if width == most else 0.0
+    def urge(a: int) -> tuple[float, int]:
+        """The weakest border of a piece and whom it leads to; a piece that is mostly open wants to join, whatever the border."""
+        weakest, b = max((weakness(a, b), -b) for b in near[a])
+        total = sum(width for _, width in near[a].values())
+        return max(weakest, 1.8 * float(total / (total + rim[a]))), -b
 
     def join(a: int, b: int) -> None:
         keep, gone = min(a, b), max(a, b)
@@ -247,11 +261,11 @@ def merge_pieces(
         near[gone] = {}
 
     while True:
-        alive = [(weakness(a, b), -a, -b) for a in range(1, count + 1) for b in near[a] if a < b]
-        worst = max(alive, default=(0.0, 0, 0))
-        if worst[0] <= settings.constriction:
+        urges = ((*urge(a), a) for a in range(1, count + 1) if near[a])
+        strongest, b, a = max(urges, key=lambda u: (u[0], -u[2]), default=(0.0, 0, 0))
+        if strongest <= settings.constriction:
             break
-        join(-worst[1], -worst[2])
+        join(a, b)
     for a in sorted(range(1, count + 1), key=lambda k: (area[k], k)):
         if parent[a] == a and area[a] < settings.min_room_m2 and near[a]:
             join(a, max(near[a], key=lambda b: (weakness(a, b), area[b], -b)))
