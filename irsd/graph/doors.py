@@ -1,0 +1,55 @@
+"""Doors keep their numbers: the same opening, seen again, is the same door."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from irsd.core.types import Opening
+from irsd.graph.model import DoorEdge
+
+_OTHER_ROOMS_M = 0.5  # a door whose rooms were renumbered must lie this much nearer to be taken for the same
+
+
+class DoorRegister:
+    """Every door ever seen, so that one that vanishes for a while comes back under its number. Numbers are never used twice."""
+
+    def __init__(self, match_m: float) -> None:
+        self._match_m = match_m
+        self._known: dict[int, DoorEdge] = {}
+
+    def restore(self, doors: Sequence[DoorEdge]) -> None:
+        """Doors of a stored map."""
+        self._known.update({int(door.id[1:]): door for door in doors})
+
+    def match(self, openings: Sequence[Opening]) -> tuple[DoorEdge, ...]:
+        """The doors that these openings are, by number. Nearest pairs are matched first; what matches none is a new door."""
+        made = [_edge(opening) for opening in openings]
+        pairs = sorted(
+            (cost, number, k)
+            for k, door in enumerate(made)
+            for number, known in self._known.items()
+            if (cost := _cost(door, known)) <= self._match_m
+        )
+        number_of: dict[int, int] = {}
+        for _, number, k in pairs:
+            if k not in number_of and number not in number_of.values():
+                number_of[k] = number
+        for k in range(len(made)):
+            if k not in number_of:
+                number_of[k] = max((*self._known, *number_of.values()), default=0) + 1
+        doors = {
+            n: DoorEdge(f"D{n}", made[k].rooms, made[k].position_xy, made[k].width_m) for k, n in number_of.items()
+        }
+        self._known.update(doors)
+        return tuple(doors[n] for n in sorted(doors))
+
+
+def _edge(opening: Opening) -> DoorEdge:
+    low, high = sorted(opening.rooms)
+    x, y = opening.position_xy
+    return DoorEdge("", (f"R{low}", f"R{high}"), (float(x), float(y)), float(opening.width_m))
+
+
+def _cost(door: DoorEdge, known: DoorEdge) -> float:
+    return math.dist(door.position_xy, known.position_xy) + (0.0 if door.rooms == known.rooms else _OTHER_ROOMS_M)
