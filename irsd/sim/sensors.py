@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,7 +95,7 @@ class Eyes:
         self._thing = building.thing
         self._normal = _normals(building.triangles)
         self._colour = building.colour.astype(np.float32)
-        light = 0.55 + 0.3 * np.maximum(self._normal @ _SUN.astype(np.float32), 0)
+        light = 0.8 + 0.25 * np.maximum(self._normal @ _SUN.astype(np.float32), 0)
         self._lit = self._colour * light[:, None]
         self._pixel_rays = _pixel_rays(camera, self.camera_model)
         mounts = {mount.child: mount.parent_T_child for mount in mountings()}
@@ -148,9 +149,10 @@ class Eyes:
         rgb = np.where(missed[:, None], np.float32(235.0), self._lit[triangle] * shade[:, None])
         rgb += rng.normal(0, self.camera.noise_levels, (len(rgb), 1)).astype(np.float32)
         bgr = np.clip(rgb[:, ::-1], 0, 255).astype(np.uint8).reshape(height, width, 3)
+        full = cv2.resize(bgr, (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_LINEAR)
         ids = np.where(missed, 0, self._thing[triangle]).astype(np.uint16).reshape(height, width)
         depth = (hits.range_m * self._pixel_rays[:, 2]).reshape(height, width)
-        return Exposure(CameraImage(stamp_ns, CAMERA_FRAME, self._enlarged(bgr)), self._enlarged(ids), depth)
+        return Exposure(CameraImage(stamp_ns, CAMERA_FRAME, np.asarray(full, np.uint8)), self._enlarged(ids), depth)
 
     def _enlarged(self, pixels: NDArray[T]) -> NDArray[T]:
         k = self.camera.shrink
