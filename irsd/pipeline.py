@@ -16,41 +16,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
-from irsd.core.settings import section, setting
 from irsd.core.types import MapUpdate, Rooms, SyncedFrame
-from irsd.graph.builder import GraphBuilder, GraphSettings
+from irsd.graph.builder import GraphBuilder
 from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.graph.scene_graph import SceneGraph
-from irsd.instances.lift import LiftSettings, lift
-from irsd.instances.memory import FusionSettings, InstanceMemory
-from irsd.mapping.mapper import Mapper, MappingSettings
+from irsd.instances.lift import lift
+from irsd.instances.memory import InstanceMemory
+from irsd.mapping.mapper import Mapper
 from irsd.perception.encoder import LabelEncoder
-from irsd.rooms.stage import RoomSettings, RoomStage
+from irsd.rooms.stage import RoomStage
 
 NS_PER_S = 1_000_000_000
-
-
-@dataclass(frozen=True)
-class PaceSettings:
-    """How often the slower stages run, in sensor time."""
-
-    rooms_period_s: float = setting(
-        1.0, "rooms are segmented anew at most this often, and only if the plan changed", lo=0.0
-    )
-    graph_period_s: float = setting(0.5, "graph deltas are made at most this often", lo=0.0)
-
-
-@dataclass(frozen=True)
-class PipelineSettings:
-    """One section per stage; a stage sees only its own."""
-
-    pace: PaceSettings = section(PaceSettings)
-    mapping: MappingSettings = section(MappingSettings)
-    rooms: RoomSettings = section(RoomSettings)
-    lift: LiftSettings = section(LiftSettings)
-    fusion: FusionSettings = section(FusionSettings)
-    graph: GraphSettings = section(GraphSettings)
 
 
 @dataclass(frozen=True, slots=True)
