@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import logging
 import signal
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
-
-import click
 
 from irsd.core.errors import IrsdError
 from irsd.core.runtime import Ring, Stopper, monotonic_s, sleep_s, wall_clock_ns
@@ -76,12 +75,13 @@ class Robot2Zenoh:
 
     def new_waypoints(self) -> list[list[float]] | None:
         """The latest waypoints that came since the last call; None when none did. Bad documents are logged and dropped."""
-        for sample in reversed(self._waypoints.drain()):
+        latest: list[list[float]] | None = None
+        for sample in self._waypoints.drain():
             try:
-                return _parse_waypoints(sample.payload)
+                latest = _parse_waypoints(sample.payload)
             except ValueError as error:
                 _log.warning("waypoints dropped: %s", error)
-        return None
+        return latest
 
     def close(self) -> None:
         """Ends the subscription and publishers."""
@@ -140,55 +140,53 @@ def run(world: World, link: Robot2Zenoh, duration_s: float | None, stopper: Stop
             )  # fmt: skip
 
 
-@click.command()
-@click.option(
-    "--seed", default=1, show_default=True, help="Which building; the same seed is the same building and noise."
-)
-@click.option("--robot", default="robot", show_default=True, help="Name of the robot in the keys irs/<robot>/...")
-@click.option("--endpoint", default=None, help="Where irsd listens (default: IRSD_ENDPOINT or its default).")
-@click.option("--speed", default=1.0, show_default=True, type=click.FloatRange(0.1, 1.5), help="Top speed in m/s.")
-@click.option(
-    "--duration", default=None, type=click.FloatRange(min=0), help="Seconds until it ends (default: for ever)."
-)
-@click.option("--no-explore", is_flag=True, help="Stand and wait for waypoints instead of exploring first.")
-@click.option(
-    "--record", type=click.Path(dir_okay=False, path_type=Path), help="Also write all messages to this MCAP file."
-)
-@click.option(
-    "--truth", type=click.Path(dir_okay=False, path_type=Path), help="Write the ground truth to this JSON file."
-)
-def main(
-    seed: int,
-    robot: str,
-    endpoint: str | None,
-    speed: float,
-    duration: float | None,
-    no_explore: bool,
-    record: Path | None,
-    truth: Path | None,
-) -> None:
-    """A furnished building with a robot in it: LiDAR, camera, odometry and detections on zenoh, as ROS 2 CDR.
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="irs-world",
+        description="A furnished building with a robot in it: LiDAR, camera, odometry and detections on zenoh, as ROS 2 CDR. "
+        "The robot explores every room, then waits for waypoints on irs/<robot>/nav/waypoints.",
+    )
+    add = parser.add_argument
+    add("--seed", type=int, default=1, help="which building; the same seed is the same building and noise (1)")
+    add("--robot", default="robot", help="name of the robot in the keys irs/<robot>/... (robot)")
+    add("--endpoint", help="where irsd listens (IRSD_ENDPOINT, or irsd's default)")
+    add("--speed", type=_speed, default=1.0, metavar="M_S", help="top speed in m/s, 0.1 .. 1.5 (1.0)")
+    add("--duration", type=float, metavar="S", help="seconds until it ends (for ever)")
+    add("--no-explore", action="store_true", help="stand and wait for waypoints instead of exploring first")
+    add("--record", type=Path, metavar="FILE.mcap", help="also write all messages to this recording")
+    add("--truth", type=Path, metavar="FILE.json", help="write the ground truth")
+    return parser
 
-    The robot explores every room, then waits for waypoints on irs/<robot>/nav/waypoints.
-    """
+
+def _speed(text: str) -> float:
+    speed = float(text)
+    if not 0.1 <= speed <= 1.5:
+        raise argparse.ArgumentTypeError(f"{text} is not in 0.1 .. 1.5 m/s")
+    return speed
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs the world until its duration is over or a signal comes. Exits with 1 and one line when it can't."""
+    parser = _arguments()
+    options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     stopper = Stopper()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda signum, _frame: stopper.request(f"signal {signum}"))
     try:
-        settings = with_speed(WorldSettings(), speed)
-        world = World(seed, settings, explore=not no_explore, start_ns=wall_clock_ns())
-        if truth is not None:
-            truth.write_text(json.dumps(truth_document(world.building), indent=1) + "\n")
+        settings = with_speed(WorldSettings(), options.speed)
+        world = World(options.seed, settings, explore=not options.no_explore, start_ns=wall_clock_ns())
+        if options.truth is not None:
+            options.truth.write_text(json.dumps(truth_document(world.building), indent=1) + "\n")
         with ExitStack() as stack:
-            recording = stack.enter_context(RecordingWriter(record)) if record is not None else None
-            session = stack.enter_context(open_session(with_environment(ZenohSettings(), endpoint)))
-            link = Robot2Zenoh(session, robot, recording)
+            recording = stack.enter_context(RecordingWriter(options.record)) if options.record else None
+            session = stack.enter_context(open_session(with_environment(ZenohSettings(), options.endpoint)))
+            link = Robot2Zenoh(session, options.robot, recording)
             stack.callback(link.close)
-            _log.info("world %d is up: %s", seed, ", ".join(room.label for room in world.building.rooms))
-            run(world, link, duration, stopper)
+            _log.info("world %d is up: %s", options.seed, ", ".join(room.label for room in world.building.rooms))
+            run(world, link, options.duration, stopper)
     except (IrsdError, OSError, ValueError) as error:
-        raise click.ClickException(str(error)) from error
+        parser.exit(1, f"irs-world: {error}\n")
 
 
 if __name__ == "__main__":

@@ -92,9 +92,9 @@ def test_world_is_a_robot_on_zenoh(hub: Session, endpoint: str, tmp_path: Path) 
     assert {m.topic.strip("/") for m in read_messages(record)} == set(TOPICS)
 
 
-def test_unusable_endpoint_is_said_in_one_line() -> None:
-    command = [sys.executable, "-m", "irsd.sim", "--endpoint", "nonsense", "--duration", "1"]
+def test_a_file_that_cannot_be_written_is_said_in_one_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "irsd.sim", "--truth", str(tmp_path / "no" / "truth.json"), "--duration", "1"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0
-    assert "Error" in done.stderr
+    assert "truth.json" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
