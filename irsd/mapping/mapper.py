@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.geometry import Pose, invert, transform
 from irsd.core.grid import GridFrame
-from irsd.core.settings import section, setting
+from irsd.core.settings import setting
 from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
 from irsd.mapping import frustum
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
@@ -22,9 +22,9 @@ class MappingSettings:
     """Settings of the map stage."""
 
     max_range_m: float = setting(25.0, "returns farther than this are ignored", lo=1.0, hi=300.0)
-    voxels: VoxelSettings = section(VoxelSettings)
-    occupancy: OccupancySettings = section(OccupancySettings)
-    structure: StructureSettings = section(StructureSettings)
+    voxels: VoxelSettings = field(default_factory=VoxelSettings)
+    occupancy: OccupancySettings = field(default_factory=OccupancySettings)
+    structure: StructureSettings = field(default_factory=StructureSettings)
 
 
 class Mapper:
