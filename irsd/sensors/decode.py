@@ -73,6 +73,8 @@ class _Layout:
     def column(self, name: str) -> NDArray[Any]:
         """One field of all points [N], in the type it was sent in; may view the message."""
         dtype, offset = self.fields[name]
+        if not self.height * self.width:
+            return np.zeros(0, dtype)
         shape, strides = (self.height, self.width), (self.row_step, self.point_step)
         return np.ndarray(shape, dtype, self.data.data, offset, strides).reshape(-1)
 
@@ -112,7 +114,7 @@ def _point_layout(message: Any) -> _Layout:
 def _xyz(layout: _Layout) -> NDArray[np.float32]:
     """float32 [N, 3]; one strided copy where x, y, z are float32 neighbours, as in nearly every cloud."""
     (tx, ox), (ty, oy), (tz, oz) = (layout.fields[name] for name in "xyz")
-    if tx == ty == tz and tx[1:] == "f4" and oy == ox + 4 and oz == ox + 8:
+    if layout.height * layout.width and tx == ty == tz and tx[1:] == "f4" and oy == ox + 4 and oz == ox + 8:
         shape, strides = (layout.height, layout.width, 3), (layout.row_step, layout.point_step, 4)
         view: NDArray[Any] = np.ndarray(shape, tx, layout.data.data, ox, strides)
         return np.array(view, np.float32, order="C").reshape(-1, 3)

@@ -4,13 +4,14 @@ Known writers: ``t`` uint32 ns since the stamp (Ouster); ``offset_time`` uint32 
 relative to the stamp, also negative (Velodyne, and us in some forks); ``timestamp`` float64, absolute seconds (Hesai, RoboSense),
 absolute ns (Livox driver 2), or seconds since the stamp.
 
-Rules, in this order, each physical rather than by name:
-1. whole numbers count nanoseconds, unless the cloud would then hold more points per second than any sensor makes
-   (``MAX_POINTS_PER_S``): then us, then ms;
-2. fractional numbers count s, ms, us or ns: the largest unit with which all points lie within ``MAX_SWEEP_S`` of the stamp;
+Rules, each physical rather than by name:
+1. a unit that would make more points per second than any sensor does (``MAX_POINTS_PER_S``) is none;
+2. whole numbers count ns, else us, else ms; fractional numbers count s, else ms, us, ns: the first unit with which all points lie
+   within ``MAX_SWEEP_S`` of the stamp;
 3. with each unit, numbers count from the stamp or from the epoch, whichever lies nearer to the stamp; an epoch that float32
    can't resolve to 1 ms is not believed;
-4. a clock of its own (sensor not synchronised) still tells differences: counted from the first point, with the unit of rule 1 or 2;
+4. a clock of its own (sensor not synchronised) still tells differences: counted from the first point, in the first unit that
+   makes it one sweep;
 5. anything else is a DecodeError: a guess would bend every wall.
 """
 
@@ -42,28 +43,26 @@ def offsets_s(raw: NDArray[Any], stamp_ns: int, name: str) -> NDArray[np.float32
     """
     if raw.size == 0:
         return np.zeros(0, np.float32)
-    whole = raw.dtype.kind in "ui"
     epoch, values = _from_first(raw)
-    finite = values[np.isfinite(values)]
-    if finite.size == 0:
+    usable = values[np.isfinite(raw)]
+    if usable.size == 0:
         return np.full(raw.shape, np.nan, np.float32)
-    low, high = float(finite.min()), float(finite.max())
-    for unit_s in _WHOLE_UNITS_S if whole else _FRACTIONAL_UNITS_S:
-        if whole and unit_s < _WHOLE_UNITS_S[-1] and _too_dense(raw.size, (high - low) * unit_s):
-            continue
+    low, high = float(usable.min()), float(usable.max())
+    ordered = _WHOLE_UNITS_S if raw.dtype.kind in "ui" else _FRACTIONAL_UNITS_S
+    units_s = [unit_s for unit_s in ordered if not _too_dense(raw.size, (high - low) * unit_s)]
+    for unit_s in units_s:
         zeros_s = [
             epoch * unit_s,
             _since_stamp_s(epoch, unit_s, stamp_ns),
         ]  # of the first point, either way of counting
-        if raw.dtype == np.float32 and np.spacing(np.float32(epoch)) * unit_s > 1e-3:
+        if raw.dtype.itemsize == 4 and raw.dtype.kind == "f" and np.spacing(np.float32(epoch)) * unit_s > 1e-3:
             zeros_s.pop()
         reach = [max(abs(zero + low * unit_s), abs(zero + high * unit_s)) for zero in zeros_s]
         best = int(np.argmin(reach))
         if reach[best] <= MAX_SWEEP_S:
             return np.asarray(values * unit_s + zeros_s[best], np.float32)
-    for unit_s in _WHOLE_UNITS_S if whole else _FRACTIONAL_UNITS_S:
-        span_s = (high - low) * unit_s
-        if span_s <= MAX_SWEEP_S and not (whole and _too_dense(raw.size, span_s)):
+    for unit_s in units_s:
+        if (high - low) * unit_s <= MAX_SWEEP_S:
             return np.asarray((values - low) * unit_s, np.float32)
     raise DecodeError(
         f"PointCloud2: field {name} ({raw.dtype.name}) spans {high - low:g}: no unit makes that one sweep"

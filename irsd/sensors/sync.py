@@ -150,8 +150,9 @@ class Synchronizer:
     def _push_scan(self, scan: LidarScan) -> None:
         start_ns = end_ns = scan.stamp_ns
         if scan.time_offset_s is not None and scan.time_offset_s.size:
-            start_ns += round(float(scan.time_offset_s.min()) * 1e9)
-            end_ns += round(float(scan.time_offset_s.max()) * 1e9)
+            # float32 holds whole microseconds: its rounding must not push the end past the pose taken at that instant
+            start_ns += round(float(scan.time_offset_s.min()) * 1e6) * 1000
+            end_ns += round(float(scan.time_offset_s.max()) * 1e6) * 1000
         self._lidar_seen = True
         self._advance_clock(end_ns)
         if self._last is not None and end_ns < self._last[0]:
