@@ -27,6 +27,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _NEAR_M = 0.15  # closer points are the robot itself
+_FAR = np.float32(1e9)  # depth of a cell in which nothing is drawn
+_MAX_SPLAT = 4  # half width in cells; larger only where a point is nearer than the robot's own size
 _KEY_SPAN = 1 << 21  # cells per axis that a packed key can hold
 _HALF_NEIGHBOURS = np.array(
     [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) > (0, 0, 0)]
@@ -50,6 +52,7 @@ class LiftSettings:
     keep_share: float = setting(
         0.2, "parts smaller than this share of the largest part are floating points", lo=0.0, hi=1.0
     )
+    min_cover: float = setting(0.05, "least share of a mask's pixels that its map points account for", lo=0.0, hi=1.0)
     min_points: int = setting(3, "masks with fewer points are not lifted", lo=1, hi=1000)
 
 
@@ -103,38 +106,27 @@ def lift(view: CameraView, points_map: Floats, structure: NDArray[np.uint8], set
     hw = (view.camera.height_px, view.camera.width_px)
     focal_px = float(view.camera.matrix[0, 0])
     seen = unoccluded(pixel, depth, hw, focal_px, settings)
-    index, pixel = index[seen], pixel[seen]
+    index, pixel, depth = index[seen], pixel[seen], depth[seen]
     number, certain = mask_of_points(detections.ids_px, pixel, hw, settings)
     points, labels = points_map[index], structure[index]
-    masks = [
-        mask
-        for k in np.argsort(detections.number, kind="stable")
-        if (mask := _lift_one(detections, int(k), number, certain, points, labels, settings)) is not None
-    ]
+    # A point stands for the pixels of its own size; a mask that its points can't account for is out of the map's sight.
+    point_px = (settings.splat_m * focal_px / depth) ** 2
+    mask_px = np.bincount(detections.ids_px.ravel(), minlength=int(detections.number.max(initial=0)) + 1)
+    masks = []
+    for k in np.argsort(detections.number, kind="stable").tolist():
+        mine = np.flatnonzero((number == detections.number[k]) & certain)
+        mine, flat = object_points(points, labels, mine, settings)
+        covered_px = point_px[mine].sum()
+        if len(mine) >= settings.min_points and covered_px >= settings.min_cover * mask_px[detections.number[k]]:
+            masks.append(_mask(detections, k, points[mine], flat))
     return LiftedView(view.stamp_ns, tuple(masks), points[certain])
 
 
-def _lift_one(
-    detections: Detections,
-    k: int,
-    number: Ints,
-    certain: Bools,
-    points: Floats,
-    structure: NDArray[np.uint8],
-    settings: LiftSettings,
-) -> LiftedMask | None:
-    """Detection k as a mask, or None when nothing of it is left."""
-    mine = np.flatnonzero((number == detections.number[k]) & certain)
-    if len(mine) < settings.min_points:
-        return None
-    keep, flat = without_structure(structure[mine], settings.flat_share)
-    mine = mine[keep]
-    mine = mine[main_parts(points[mine], settings.link_m, settings.keep_share)]
-    if len(mine) < settings.min_points:
-        return None
+def _mask(detections: Detections, k: int, points: Floats, flat: bool) -> LiftedMask:
+    score = float(detections.score[k])
+    labels = detections.top_labels[k] or ((detections.label[k], score),)
     embedding = None if detections.embedding is None else detections.embedding[k]
-    labels = detections.top_labels[k] or ((detections.label[k], float(detections.score[k])),)
-    return LiftedMask(int(detections.number[k]), points[mine], labels, float(detections.score[k]), embedding, flat)
+    return LiftedMask(int(detections.number[k]), points, labels, score, embedding, flat)
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
@@ -179,17 +171,13 @@ def unoccluded(
     cell = settings.cell_px
     rows, cols = -(-hw[0] // cell), -(-hw[1] // cell)
     col, row = np.floor((pixel + 0.5) / cell).astype(np.int64).T
-    half = np.clip(np.round(0.5 * settings.splat_m * focal_px / depth / cell), 0, 4).astype(np.int64)
-    border = 4
-    front = np.full((rows + 2 * border) * (cols + 2 * border), np.inf)
-    flat = (row + border) * (cols + 2 * border) + col + border
-    for r in range(border + 1):  # one round per splat size, not per point
-        some = half >= r
-        if not some.any():
-            break
-        ring = [(i, j) for i in range(-r, r + 1) for j in range(-r, r + 1) if max(abs(i), abs(j)) == r]
-        for i, j in ring:
-            np.minimum.at(front, flat[some] + i * (cols + 2 * border) + j, depth[some])
+    flat = row * cols + col
+    half = np.clip(np.round(0.5 * settings.splat_m * focal_px / depth / cell), 0, _MAX_SPLAT).astype(np.int64)
+    # One layer per splat size: draw the points, then let a minimum filter of that size widen them all at once.
+    layers = np.full((_MAX_SPLAT + 1, rows, cols), _FAR, np.float32)
+    np.minimum.at(layers.reshape(-1), half * (rows * cols) + flat, depth.astype(np.float32))
+    wide = [cv2.erode(layer, np.ones((2 * r + 1, 2 * r + 1), np.uint8)) for r, layer in enumerate(layers)]
+    front = np.min(wide, axis=0).reshape(-1)
     return np.asarray(depth <= front[flat] + settings.depth_tolerance_m)
 
 
@@ -205,8 +193,10 @@ def mask_of_points(
     col, row = np.clip(col, 0, hw[1] - 1), np.clip(row, 0, hw[0] - 1)
     distance = edge_distance(ids_px)
     number = ids_px[row, col].astype(np.int64)
-    half_width = np.zeros(int(ids_px.max()) + 1 if ids_px.size else 1)
-    np.maximum.at(half_width, ids_px.ravel(), distance.ravel())
+    # Half widths from every second pixel of every second row: a pixel more or less does not matter here.
+    sample, inner = ids_px[::2, ::2], distance[::2, ::2]
+    half_width = np.zeros(int(ids_px.max(initial=0)) + 1, np.float32)
+    np.maximum.at(half_width, sample[sample > 0], inner[sample > 0])
     band = np.minimum(settings.edge_px, settings.edge_share * half_width)
     band[0] = settings.edge_px
     return number, np.asarray(distance[row, col] > band[number])
@@ -223,6 +213,15 @@ def edge_distance(ids_px: NDArray[np.uint16]) -> NDArray[np.float32]:
     if inner.all():
         return np.full(ids_px.shape, float(sum(ids_px.shape)), np.float32)
     return np.asarray(cv2.distanceTransform(inner, cv2.DIST_L2, 3), np.float32) + np.float32(0.5)
+
+
+def object_points(
+    points: Floats, structure: NDArray[np.uint8], mine: Ints, settings: LiftSettings
+) -> tuple[Ints, bool]:
+    """Those of the point indices ``mine`` that are the object's, and whether it is flat: no structure, nothing floating."""
+    keep, flat = without_structure(structure[mine], settings.flat_share)
+    mine = mine[keep]
+    return mine[main_parts(points[mine], settings.link_m, settings.keep_share)], flat
 
 
 def without_structure(structure: NDArray[np.uint8], flat_share: float) -> tuple[Bools, bool]:

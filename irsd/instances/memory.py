@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -17,6 +18,10 @@ from irsd.core.types import CameraView, InstanceState, InstanceUpdate, Rooms
 from irsd.instances.associate import Bools, Doubles, Floats, Ints, Shared, VoxelIndex, choose, shared_voxels, voxel_keys
 from irsd.instances.lift import LiftedMask, LiftedView, connected_parts
 from irsd.instances.record import Embed, Instance, Names
+from irsd.instances.room_prior import may_meet, room_of
+
+_LEAST_COVERED = 3  # voxels of an instance that a mask must cover to say anything about it
+_NO_ROWS = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,12 @@ class FusionSettings:
     tau_same: float = setting(0.5, "IoU from which two things are one, whatever their names", lo=0.0, hi=1.0)
     merge_ratio: float = setting(
         0.25, "relative evidence from which a claim counts for matching and merging", lo=0.0, hi=1.0
+    )
+    doubt: float = setting(
+        1.0, "share of earlier sightings without a claim that count against a new claim", lo=0.0, hi=1.0
+    )
+    cover_share: float = setting(
+        0.5, "a mask covers an instance with this share of what is visible of it", lo=0.0, hi=1.0
     )
     own_ratio: float = setting(0.2, "voxels with less relative evidence belong to nobody", lo=0.0, hi=1.0)
     room_prior: bool = setting(True, "match only inside a room, unless a mask crosses its border")
@@ -88,6 +99,7 @@ class InstanceMemory:
             self.settings.tau_same,
         )
         self._expect(seen, ids)
+        self._compare(shared, ids)
         for k in np.flatnonzero(ids == 0).tolist():
             ids[k] = self._create(view.stamp_ns)
         for k, lifted_mask in enumerate(masks):
@@ -142,6 +154,21 @@ class InstanceMemory:
                 instance.expected += 1
                 self._touched[instance_id] = None
 
+    def _compare(self, shared: Shared, ids: Ints) -> None:
+        """Note which instances of one meaning a mask covers together, and which were seen apart, each in its own mask."""
+        covered = (shared.voxels >= self.settings.cover_share * shared.visible) & (shared.voxels >= _LEAST_COVERED)
+        matched = ids[ids > 0]
+        pairs = [(shared.ids[np.flatnonzero(row)], 1, 0) for row in covered] + [(np.unique(matched), 0, 1)]
+        for some, together, apart in pairs:
+            if len(some) < 2:
+                continue
+            means = [self._instances[i].direction() for i in some.tolist()]
+            for a, b in combinations(range(len(some)), 2):
+                one, other = means[a], means[b]
+                if one is None or other is None or len(one) != len(other) or one @ other < self.settings.tau_s:
+                    continue
+                self._instances[int(some[a])].compare(self._instances[int(some[b])], together, apart)
+
     def _create(self, stamp_ns: int) -> int:
         instance = Instance(self._next_id, stamp_ns, expected=1.0)
         self._instances[instance.id] = instance
@@ -173,7 +200,7 @@ class InstanceMemory:
         # ``claim`` counts the picture itself, so take back what the line above gave to the same claims.
         self._index.seen[rows[~new], claimed[~new]] -= seen[np.minimum(at[~new], len(seen) - 1)] == rows[~new]
         observations = np.array([self._instances[i].observations for i in ids.tolist()], np.float32)
-        before = np.minimum(self._index.views[rows], observations).astype(np.float32) - 1
+        before = self.settings.doubt * (np.minimum(self._index.views[rows], observations).astype(np.float32) - 1)
         self._index.claim(rows, ids, np.maximum(before, 0))
         for instance in np.unique(ids[new]).tolist():
             mine = rows[new & (ids == instance)]
@@ -187,40 +214,15 @@ class InstanceMemory:
             return
         self._rooms = rooms
         for instance in self._instances.values():
-            room = self._room_of(self._index.point[instance.owned])
+            room = room_of(self._rooms, self._index.point[instance.owned])
             if len(instance.owned) and room != instance.room:
                 instance.room = room
                 self._touched[instance.id] = None
 
-    def _room_votes(self, points: Floats) -> tuple[Ints, Ints]:
-        """(room ids ascending, points in each) of points [n, 3]; outside of all rooms is 0."""
-        if self._rooms is None or not len(points):
-            return np.zeros(0, np.int64), np.zeros(0, np.int64)
-        cells = self._rooms.frame.cells_of(points)
-        inside = self._rooms.frame.inside(cells)
-        label = np.zeros(len(points), np.int64)
-        label[inside] = self._rooms.labels[cells[inside, 0], cells[inside, 1]]
-        ids, counts = np.unique(label, return_counts=True)
-        return np.asarray(ids, np.int64), np.asarray(counts, np.int64)
-
-    def _room_of(self, points: Floats) -> int:
-        """The room that holds most of the points [n, 3] that lie in any; 0 = none."""
-        ids, counts = self._room_votes(points)
-        counts = counts[ids > 0]
-        return int(ids[ids > 0][counts.argmax()]) if len(counts) else 0
-
     def _allowed(self, masks: Sequence[LiftedMask], shared: Shared) -> Bools:
-        """[m, c] False where mask and instance lie in different rooms and the mask does not cross into the instance's."""
-        allowed = np.ones((len(masks), len(shared.ids)), np.bool_)
-        if not self.settings.room_prior or self._rooms is None:
-            return allowed
-        room = np.array([self._instances[i].room for i in shared.ids.tolist()], np.int64)
-        for m, mask in enumerate(masks):
-            ids, counts = self._room_votes(mask.points_map)
-            mine = ids[(ids > 0) & (counts >= self.settings.cross_share * len(mask.points_map))]
-            if len(mine):
-                allowed[m] = (room == 0) | np.isin(room, mine)
-        return allowed
+        rooms = self._rooms if self.settings.room_prior else None
+        instance_rooms = np.array([self._instances[i].room for i in shared.ids.tolist()], np.int64)
+        return may_meet(rooms, [m.points_map for m in masks], instance_rooms, self.settings.cross_share)
 
     # ------------------------------------------------------------------------------------------------ collecting
     def collect(self, stamp_ns: int) -> InstanceUpdate:
@@ -247,9 +249,10 @@ class InstanceMemory:
 
     def _live_rows(self, instance: Instance) -> tuple[Ints, Ints]:
         """(rows, slots) that the instance holds now; claims that gave way are dropped from its list for good."""
-        rows = np.unique(np.concatenate(instance.rows)) if instance.rows else np.zeros(0, np.int64)
+        rows = instance.rows[0] if len(instance.rows) == 1 else np.unique(np.concatenate([_NO_ROWS, *instance.rows]))
         slot = self._index.slot_of(rows, np.full(len(rows), instance.id, np.int64))
-        rows, slot = rows[slot >= 0], slot[slot >= 0]
+        if (slot < 0).any():
+            rows, slot = rows[slot >= 0], slot[slot >= 0]
         instance.rows = [rows]
         return rows, slot
 
@@ -261,12 +264,13 @@ class InstanceMemory:
             owner = np.where(good, self._index.owner[rows], 0)
             mine = good[np.arange(len(rows)), slot]
             others, both = np.unique(owner[mine], return_counts=True)
+            shared = dict(zip(others.tolist(), both.tolist(), strict=True))
             merged = False
-            for other_id, count in zip(others.tolist(), both.tolist(), strict=True):
-                if other_id in (0, instance.id):
-                    continue
+            for other_id in sorted((set(shared) | set(instance.beside)) - {0, instance.id}):
                 other = self._instances[other_id]
-                if self._are_one(instance, int(mine.sum()), other, count):
+                if self._seen_as_one(instance, other) or self._are_one(
+                    instance, int(mine.sum()), other, shared.get(other_id, 0)
+                ):
                     instance = self._absorb(
                         *sorted((instance, other), key=lambda i: (not i.published, -i.observations, i.id))
                     )
@@ -274,6 +278,12 @@ class InstanceMemory:
                     break
             if not merged:
                 return
+
+    def _seen_as_one(self, a: Instance, b: Instance) -> bool:
+        """Masks covered both often enough, compared with how often each had its own mask in one picture."""
+        together, apart = a.beside.get(b.id, (0, 0))
+        enough = together >= self.settings.min_observations
+        return enough and together >= self.settings.merge_ratio * (together + apart)
 
     def _are_one(self, a: Instance, a_size: int, b: Instance, both: int) -> bool:
         """The paper's two criteria on the evidence of all pictures, or the same voxels under two names."""
@@ -300,12 +310,21 @@ class InstanceMemory:
         self._index.release(rows[both], gone.id)
         kept.rows.append(rows[only])
         kept.take_over(gone)
+        for other_id, (together, apart) in self._leave(gone):
+            if other_id != kept.id:
+                kept.compare(self._instances[other_id], together, apart)
         if gone.published:
             self._ended.append(gone.id)
             self._merged.append((kept.id, gone.id))
-        del self._instances[gone.id]
         self._touched[kept.id] = None
         return kept
+
+    def _leave(self, gone: Instance) -> list[tuple[int, tuple[int, int]]]:
+        """Take an instance out; returns what was noted about it and its neighbours."""
+        for other_id in gone.beside:
+            self._instances[other_id].beside.pop(gone.id)
+        del self._instances[gone.id]
+        return list(gone.beside.items())
 
     def _settle(self, instance: Instance) -> set[int]:
         """Find the voxels that the instance owns now; returns who else claims voxels of it."""
@@ -314,7 +333,7 @@ class InstanceMemory:
         good = self._index.ratio(rows)[np.arange(len(rows)), slot] >= self.settings.own_ratio
         instance.owned = rows[owners == instance.id]
         instance.size = float(good.sum())
-        instance.room = self._room_of(self._index.point[instance.owned])
+        instance.room = room_of(self._rooms, self._index.point[instance.owned])
         others = set(np.unique(self._index.owner[rows]).tolist())
         return others - {0, instance.id}
 
@@ -343,7 +362,7 @@ class InstanceMemory:
         for instance in old:
             rows, _ = self._live_rows(instance)
             self._index.release(rows, instance.id)
-            del self._instances[instance.id]
+            self._leave(instance)
 
     def _state(self, instance: Instance) -> InstanceState:
         points = self._index.point[instance.owned]

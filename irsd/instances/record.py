@@ -46,6 +46,7 @@ class Instance:
     """One instance. rows: chunks of the index rows it ever claimed; owned: those it owned when last settled.
 
     expected: pictures that should have seen it; size: voxels with good evidence; meaning: float64 [D], sum of unit vectors.
+    beside: other instance -> (pictures in which one mask covered both, pictures in which each had its own).
     """
 
     id: int
@@ -62,6 +63,7 @@ class Instance:
     rows: list[Ints] = field(default_factory=list)
     owned: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     published: bool = False
+    beside: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def existence(self) -> float:
@@ -83,6 +85,11 @@ class Instance:
     def add_label(self, name: str, group: int, score: float) -> None:
         self.group_score[group] = self.group_score.get(group, 0.0) + score
         self.name_score[name] = self.name_score.get(name, 0.0) + score
+
+    def compare(self, other: Instance, together: int, apart: int) -> None:
+        """Note on both sides in how many pictures they were covered together and in how many they were apart."""
+        noted = self.beside.get(other.id, (0, 0))
+        self.beside[other.id] = other.beside[self.id] = (noted[0] + together, noted[1] + apart)
 
     def take_over(self, other: Instance) -> None:
         """Add what is known of another instance that proved to be this one (the voxels' evidence is the index's affair)."""
