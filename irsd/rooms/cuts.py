@@ -255,15 +255,45 @@ def _tautness(ends: FloatArray, dist: NDArray[np.float32], reach: float) -> Floa
     return np.asarray(worst)
 
 
+def _ceiling_steps(dist: NDArray[np.float32], lintel: NDArray[np.bool_], reach: Reach) -> FloatArray:
+    """Cuts where a low ceiling begins: straight edges of wide areas with structure above door height. Ends [K, 2, 2]."""
+    region = lintel.astype(np.uint8)
+    # Returns from a ceiling are sparse; what is narrower than a passage is a beam or the top of a wall.
+    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, _disc(reach.jamb / 2))
+    region = cv2.morphologyEx(region, cv2.MORPH_OPEN, _disc(reach.taut / 2))
+    contours, _ = cv2.findContours(region, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    begin, end = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for contour in contours:
+        points = cv2.approxPolyDP(contour, reach.jamb / 2, True)[:, 0].astype(np.float64)
+        begin.append(points)
+        end.append(np.roll(points, -1, axis=0))
+    first, last = np.concatenate(begin), np.concatenate(end)
+    size = np.linalg.norm(last - first, axis=1)
+    long = size >= reach.taut
+    first, last, size = first[long], last[long], size[long]
+    direction, middle = (last - first) / size[:, None], (first + last) / 2
+    ahead = free_length(dist, middle, direction, reach.longest_gap)
+    behind = free_length(dist, middle, -direction, reach.longest_gap)
+    # Most of the way across must be such an edge, and the whole of it free.
+    spans = (size >= 0.6 * (ahead + behind)) & (ahead + behind <= reach.longest_gap) & (ahead > 1) & (behind > 1)
+    ends = np.stack([middle - direction * (behind - 1)[:, None], middle + direction * (ahead - 1)[:, None]], axis=1)
+    return ends[spans]
+
+
+def _disc(radius: float) -> NDArray[np.uint8]:
+    size = 2 * round(radius) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
+
+
 def find_cuts(dist: NDArray[np.float32], corners: Corners, reach: Reach, lintel: NDArray[np.bool_] | None) -> Cuts:
     """All candidate cuts of free space.
 
     dist: ``clearance`` of the space. lintel: bool [H, W], structure above door height, or None when that is not known.
     """
-    if not len(corners.at):
-        return Cuts(np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
+    steps = np.zeros((0, 2, 2)) if lintel is None else _ceiling_steps(dist, lintel, reach)
     ends = np.concatenate(
         [
+            steps,
             _between(corners, dist, reach.shortest, reach.longest, reach.longest_gap),
             _perpendicular(corners, dist, reach.shortest, reach.longest),
             _extensions(corners, dist, reach.shortest, reach.longest, _WALL_CELLS),

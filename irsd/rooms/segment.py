@@ -42,6 +42,8 @@ class SegmentSettings:
     doorway: float = setting(
         0.45, "an opening below this part of the space behind it is a doorway beyond doubt", lo=0.05, hi=1.0
     )
+    open_rim: float = setting(0.4, "a piece with more of its rim open to others is part of one of them", lo=0.1, hi=1.0)
+    hall_m2: float = setting(20.0, "a piece of this size is a room or a hall, however open its rim", lo=1.0, hi=1000.0)
     furniture_m: float = setting(1.0, "a free-standing thing up to this long is furniture, not a wall", lo=0.0, hi=3.0)
     post_gap_m: float = setting(
         0.6, "posts this near, with something at robot height between, are one wall", lo=0.0, hi=2.0
@@ -246,7 +248,8 @@ def merge_pieces(
         """The weakest border of a piece and whom it leads to; a piece that is mostly open wants to join, whatever the border."""
         weakest, b = max((weakness(a, b), -b) for b in near[a])
         total = sum(width for _, width in near[a].values())
-        return max(weakest, 1.8 * float(total / (total + rim[a]))), -b
+        opened = total / (total + rim[a]) if area[a] < settings.hall_m2 else 0.0
+        return max(weakest, settings.constriction * float(opened) / settings.open_rim), -b
 
     def join(a: int, b: int) -> None:
         keep, gone = min(a, b), max(a, b)
