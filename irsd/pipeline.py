@@ -9,7 +9,7 @@ input gives the same graph.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
-from irsd.core.types import MapUpdate, Rooms, SyncedFrame
+from irsd.core.types import InstanceState, MapUpdate, RoomFootprint, Rooms, SyncedFrame
 from irsd.graph.builder import GraphBuilder
-from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
-from irsd.graph.scene_graph import SceneGraph
+from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays, InstanceNode, RoomNode
+from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
 from irsd.mapping.mapper import Mapper
@@ -108,9 +108,21 @@ class MapPipeline:
         """The graph as it stands."""
         return self._graph.snapshot()
 
-    def arrays(self, instance_id: str) -> InstanceArrays | None:
-        """Points and embedding of an instance, or None if there is no such instance."""
-        return self._builder.arrays(instance_id)
+    def arrays(self) -> Mapping[str, InstanceArrays]:
+        """Points and embeddings of all instances by id; a copy that later steps don't change."""
+        return self._builder.all_arrays()
+
+    def restore(self, snapshot: GraphSnapshot, arrays: Mapping[str, InstanceArrays]) -> None:
+        """Take up a stored graph, before the first step: ids, rooms and instances go on; the voxels are seen anew.
+
+        The caller answers for the frame: the robot's odometry must start where it started when the graph was made.
+        """
+        self._builder.restore(snapshot, arrays)
+        self._graph = SceneGraph.from_snapshot(snapshot)
+        self._room_stage.restore(
+            [number_of(room.id) for room in snapshot.rooms], [_footprint(room) for room in snapshot.rooms]
+        )
+        self._memory.restore([_state(node, arrays[node.id]) for node in snapshot.instances if node.id in arrays])
 
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
@@ -129,6 +141,26 @@ class MapPipeline:
             if delta is not None:
                 self._graph.apply(delta)
         return delta
+
+
+def _footprint(room: RoomNode) -> RoomFootprint:
+    return RoomFootprint(
+        np.asarray(room.polygon_xy, np.float64), room.aabb_xy, room.area_m2, room.floor_z_m, room.ceiling_z_m
+    )
+
+
+def _state(node: InstanceNode, arrays: InstanceArrays) -> InstanceState:
+    return InstanceState(
+        id=number_of(node.id),
+        points_map=arrays.points_map,
+        embedding=arrays.embedding,
+        labels=node.labels,
+        room=number_of(node.room) if node.room else 0,
+        observations=node.observations,
+        existence=node.existence,
+        first_seen_ns=node.first_seen_ns,
+        last_seen_ns=node.last_seen_ns,
+    )
 
 
 @contextmanager

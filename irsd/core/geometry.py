@@ -28,7 +28,8 @@ def quat_xyzw_to_matrix(quat_xyzw: FloatArray) -> NDArray[np.float64]:
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return np.asarray(np.stack([np.stack(row, -1) for row in rows], -2), np.float64)
+    matrix: NDArray[np.float64] = np.stack([np.stack(row, -1) for row in rows], -2)
+    return matrix
 
 
 def matrix_to_quat_xyzw(rotation: FloatArray) -> NDArray[np.float64]:
@@ -51,7 +52,7 @@ def matrix_to_quat_xyzw(rotation: FloatArray) -> NDArray[np.float64]:
             [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
         ]
     )
-    quat = sums[largest] / np.linalg.norm(sums[largest])
+    quat: NDArray[np.float64] = sums[largest] / np.linalg.norm(sums[largest])
     return quat if quat[3] >= 0 else -quat
 
 
@@ -72,7 +73,8 @@ def slerp(quat_a_xyzw: FloatArray, quat_b_xyzw: FloatArray, fraction: FloatArray
     weight_a = np.where(near, 1 - t, np.sin((1 - t) * angle) / safe)
     weight_b = np.where(near, t, np.sin(t * angle) / safe)
     out = weight_a * a + weight_b * b
-    return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True), np.float64)
+    unit: NDArray[np.float64] = out / np.linalg.norm(out, axis=-1, keepdims=True)
+    return unit
 
 
 def make_pose(position_m: FloatArray, quat_xyzw: FloatArray) -> Pose:
@@ -99,7 +101,7 @@ def yaw_of(pose: FloatArray) -> float:
 def invert(pose: FloatArray) -> Pose:
     """Inverse of rigid transforms [..., 4, 4]."""
     pose = np.asarray(pose, np.float64)
-    out = np.zeros_like(pose)
+    out: Pose = np.zeros(pose.shape)
     transposed = np.swapaxes(pose[..., :3, :3], -1, -2)
     out[..., :3, :3] = transposed
     out[..., :3, 3] = -(transposed @ pose[..., :3, 3, None])[..., 0]

@@ -144,7 +144,8 @@ def to_png(drawing: Drawing) -> bytes:
 
     def at(points: tuple[Point, ...]) -> NDArray[np.int32]:
         xy = np.asarray(points, np.float64).reshape(-1, 2)
-        return np.rint(np.c_[(xy[:, 0] - x0) * scale, (y1 - xy[:, 1]) * scale]).astype(np.int32)
+        pixels: NDArray[np.int32] = np.rint(np.c_[(xy[:, 0] - x0) * scale, (y1 - xy[:, 1]) * scale]).astype(np.int32)
+        return pixels
 
     if drawing.background is not None:
         _paint_background(canvas, drawing.background, (x0, y1), scale)

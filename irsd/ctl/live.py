@@ -137,7 +137,8 @@ def watch(target: Target, as_json: bool, count: int | None) -> int:
 def delta_line(payload: bytes) -> str:
     """``#41  ~R2 office  ~I7 television  -I9  (R4 split into R4, R9)``."""
     delta = delta_from_json(payload)
-    parts = [f"~{node.id} {node.label}" for node in (*delta.rooms, *delta.instances)]
+    nodes: list[RoomNode | InstanceNode] = [*delta.rooms, *delta.instances]
+    parts = [f"~{node.id} {node.label}" for node in nodes]
     parts += [f"~{door.id}" for door in delta.doors] + [f"-{node_id}" for node_id in delta.removed]
     words = f"  ({'; '.join(delta.lineage)})" if delta.lineage else ""
     return f"#{delta.seq}  {'  '.join(parts)}{words}"
