@@ -113,16 +113,17 @@ def make_pose_message(position_m: Sequence[float] | np.ndarray, quat_xyzw: Seque
     )
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def quat_of(message: Any, what: str) -> np.ndarray:
     """Unit quat_xyzw float64 [4] of a geometry_msgs quaternion. Raises DecodeError when it has no direction."""
     quat = np.array([message.x, message.y, message.z, message.w], np.float64)
-    with np.errstate(over="ignore"):
-        norm = float(np.linalg.norm(quat))
+    norm = float(np.linalg.norm(quat))
     if not 0.5 < norm < 2.0:  # also false for NaN; a rotation that far from unit length is not rounding
         raise DecodeError(f"{what}: quaternion {quat.tolist()} is not a rotation")
     return quat / norm
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def vector_of(message: Any, what: str) -> np.ndarray:
     """float64 [3] of a geometry_msgs point or vector. Raises DecodeError when it is not finite or farther than Earth is wide."""
     vector = np.array([message.x, message.y, message.z], np.float64)

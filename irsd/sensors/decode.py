@@ -38,6 +38,7 @@ _DISTORTION = {
 
 
 # ------------------------------------------------------------------------------------------------------- lidar
+@np.errstate(invalid="ignore", over="ignore")  # bytes may spell signalling NaNs; they are dropped, not warned about
 def decode_pointcloud2(cdr: Bytes) -> LidarScan:
     """sensor_msgs/msg/PointCloud2 with x, y, z of any number type, in any order, with any padding and byte order.
 
@@ -119,9 +120,8 @@ def _xyz(layout: _Layout) -> NDArray[np.float32]:
         view: NDArray[Any] = np.ndarray(shape, tx, layout.data.data, ox, strides)
         return np.array(view, np.float32, order="C").reshape(-1, 3)
     out = np.empty((layout.height * layout.width, 3), np.float32)
-    with np.errstate(over="ignore", invalid="ignore"):  # what float32 can't hold becomes infinite and is left out
-        for column, name in enumerate("xyz"):
-            out[:, column] = layout.column(name)
+    for column, name in enumerate("xyz"):
+        out[:, column] = layout.column(name)  # what float32 can't hold becomes infinite and is left out
     return out
 
 
@@ -140,6 +140,7 @@ def decode_compressed_image(cdr: Bytes) -> CameraImage:
     return CameraImage(ros.stamp_of(message.header), ros.frame_of(message.header.frame_id), bgr)
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def decode_camera_info(cdr: Bytes) -> CameraModel:
     """sensor_msgs/msg/CameraInfo, as it holds for the pictures sent: binning and region of interest are worked in.
 

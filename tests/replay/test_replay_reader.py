@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from irsd.core.errors import DecodeError, StoreError
@@ -53,7 +54,7 @@ def test_files_are_merged_by_log_time_and_ties_go_to_the_earlier_file(tmp_path: 
 def test_a_file_without_its_summary_is_read_in_order(tmp_path: Path) -> None:
     path = tmp_path / "killed.mcap"
     writer = RecordingWriter(path)
-    big = encode_tf([StaticTransform("a", f"b{k}", ros.np.eye(4)) for k in range(200)])
+    big = encode_tf([StaticTransform("a", f"b{k}", np.eye(4)) for k in range(200)])
     for at in range(400):
         writer.write("/tf_static", ros.TF_MESSAGE, big, at ^ 1)
     writer._stream.flush()  # the process dies here

@@ -133,6 +133,13 @@ def test_points_that_are_none_are_left_out_with_their_time(dense: bool) -> None:
     np.testing.assert_allclose(scan.time_offset_s, [0.0, 0.03], atol=1e-7)
 
 
+def test_signalling_nans_are_dropped_without_a_warning() -> None:
+    cloud = bytearray(Cloud(XYZ, ONE.points * 2, 12).cdr())
+    at = bytes(cloud).index(struct.pack("<f", 3.0))
+    cloud[at : at + 4] = struct.pack("<I", 0x7F800001)
+    assert len(decode_pointcloud2(bytes(cloud)).points_sensor) == 1
+
+
 def test_a_double_that_float32_can_not_hold_is_left_out() -> None:
     cloud = Cloud(
         (("x", 8, 0), ("y", 8, 8), ("z", 8, 16)), ({"x": 1e300, "y": 0.0, "z": 0.0}, {"x": 1.0, "y": 0.0, "z": 0.0}), 24
