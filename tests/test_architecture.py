@@ -45,6 +45,7 @@ MAY_IMPORT: tuple[tuple[str, tuple[str, ...]], ...] = (
         "irsd.pipeline",
         ("irsd.core", "irsd.mapping", "irsd.rooms", "irsd.instances", "irsd.graph", "irsd.perception", "irsd.config"),
     ),
+    ("irsd.maploop", ("irsd.core", "irsd.graph.model", "irsd.health", "irsd.ingest", "irsd.pipeline", "irsd.sensors")),
     ("irsd.daemon", ("irsd",)),
     ("irsd.__main__", ("irsd",)),
     ("irsd.ctl", ("irsd",)),

@@ -1,0 +1,195 @@
+"""The map thread: the only writer of map, rooms, instances and graph. Sensors in, publications out; others ask it by ``call``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from irsd.core.errors import TransportError
+from irsd.core.runtime import Cell, Event, Mailbox, Ring, Stopper, monotonic_ns
+from irsd.core.types import SyncedFrame
+from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
+from irsd.health import Heartbeats, StageTimes
+from irsd.ingest import Ingest
+from irsd.pipeline import MapPipeline
+from irsd.sensors.sync import Synchronizer
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+NAME = "map"
+_IDLE_S = 0.25
+_CALLS = 32
+_CALL_TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """One step of the graph on its way to disk and network. arrays: of the instances in the delta, by id."""
+
+    delta: GraphDelta
+    snapshot: GraphSnapshot
+    arrays: Mapping[str, InstanceArrays]
+
+
+@dataclass(frozen=True, slots=True)
+class MapState:
+    """What others may know of the loop. failures: steps that failed in a row up to now; lag_s: sweep received -> in the graph."""
+
+    frames: int = 0
+    failed: int = 0
+    failures: int = 0
+    last_failure: str = ""
+    blocked_by: str | None = None
+    lag_s: float | None = None
+    stamp_ns: int = 0
+    drops: Mapping[str, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer(Generic[T]):
+    value: T | None
+    error: Exception | None
+
+
+class MapLoop:
+    """Runs until the stopper asks; ``run`` is the body of the map thread, everything else is for other threads."""
+
+    def __init__(
+        self,
+        ingest: Ingest,
+        sync: Synchronizer,
+        pipeline: MapPipeline,
+        outbox: Ring[Publication],
+        *,
+        wake: Event,
+        stopper: Stopper,
+        beats: Heartbeats,
+        times: StageTimes,
+        max_failures: int,
+    ) -> None:
+        self._ingest, self._sync, self._pipeline, self._outbox = ingest, sync, pipeline, outbox
+        self._wake, self._stopper, self._beats, self._times = wake, stopper, beats, times
+        self._max_failures = max_failures
+        self._calls: Ring[Callable[[], None]] = Ring(_CALLS, wake)
+        self._ended = Event()
+        self._last_reported = 0
+        self.state: Cell[MapState] = Cell(MapState())
+        self.snapshot: Cell[GraphSnapshot] = Cell(pipeline.snapshot())
+        self.gave_up = False
+
+    def call(self, question: Callable[[MapPipeline], T], timeout_s: float = _CALL_TIMEOUT_S) -> T:
+        """What ``question`` finds in the pipeline, between two steps. Raises TransportError when the thread is too busy."""
+        box: Mailbox[_Answer[T]] = Mailbox()
+
+        def work() -> None:
+            try:
+                box.put(_Answer(question(self._pipeline), None))
+            except Exception as error:  # carried over to the thread that asked, and raised there
+                box.put(_Answer(None, error))
+
+        if self._ended.is_set():
+            raise TransportError("irsd is stopping")
+        self._calls.put(work)
+        answer = box.get(timeout_s)
+        if answer is None:
+            raise TransportError(f"the map thread did not answer within {timeout_s:g} s")
+        if answer.error is not None:
+            raise answer.error
+        return answer.value  # type: ignore[return-value]
+
+    def run(self) -> None:
+        """The map thread."""
+        while not self._stopper.requested:
+            self._beats.beat(NAME)
+            self._answer_calls()
+            if not self._take_in():
+                self._wake.wait(_IDLE_S)
+                self._wake.clear()
+        if self.state.get().frames and not self.gave_up:
+            self._finish()
+        self._ended.set()
+        self._answer_calls()
+        self._beats.end(NAME)
+
+    def _take_in(self) -> bool:
+        """Decodes what waits and steps through the frames that became complete; False when there was nothing to do."""
+        sensed = self._ingest.poll()
+        for one in sensed:
+            self._sync.push(one)
+        frames = self._sync.pop() if sensed else []
+        for frame in frames:
+            self._beats.beat(NAME)
+            self._answer_calls()
+            self._step(frame)
+            if self.gave_up:
+                return False
+        state = self.state.get()
+        drops = {**self._ingest.counters(), **_losses(self._sync.counters()), **self._pipeline.counters()}
+        self.state.set(
+            MapState(
+                state.frames,
+                state.failed,
+                state.failures,
+                state.last_failure,
+                self._sync.blocked_by(),
+                state.lag_s,
+                state.stamp_ns,
+                drops,
+            )
+        )
+        return bool(sensed)
+
+    def _answer_calls(self) -> None:
+        for work in self._calls.drain():
+            work()
+
+    def _step(self, frame: SyncedFrame) -> None:
+        state = self.state.get()
+        failed, failures, last_failure, lag_s = state.failed, 0, "", state.lag_s
+        try:
+            result = self._pipeline.step(frame)
+        except Exception as error:  # a stage's failure costs its frame, not the map: the last good state is kept
+            failed, failures = failed + 1, state.failures + 1
+            last_failure = f"frame {frame.seq}: {type(error).__name__}: {error}"
+            _log.error("step of frame %d failed (%d in a row)", frame.seq, failures, exc_info=True)
+        else:
+            arrived_ns = self._ingest.arrived_ns(frame.stamp_ns)
+            if arrived_ns is not None:
+                lag_s = (monotonic_ns() - arrived_ns) / 1e9
+                self._times.add({"lag": lag_s * 1000})
+            self._times.add(result.stage_ms)
+            self._hand_out(result.delta, result.snapshot)
+        blocked, stamp_ns = state.blocked_by, frame.stamp_ns
+        self.state.set(
+            MapState(state.frames + 1, failed, failures, last_failure, blocked, lag_s, stamp_ns, state.drops)
+        )
+        if failures >= self._max_failures:
+            self.gave_up = True
+            self._stopper.request(f"{failures} steps failed in a row; the last: {last_failure}")
+
+    def _hand_out(self, delta: GraphDelta | None, snapshot: GraphSnapshot) -> None:
+        self.snapshot.set(snapshot)
+        if delta is None:
+            return
+        arrays = self._pipeline.arrays()
+        changed = {node.id: arrays[node.id] for node in delta.instances if node.id in arrays}
+        self._outbox.put(Publication(delta, snapshot, changed))
+
+    def _finish(self) -> None:
+        """At a clean stop: what the slower stages have not looked at yet."""
+        try:
+            result = self._pipeline.finish(self.state.get().stamp_ns)
+            self._hand_out(result.delta, result.snapshot)
+        except Exception:  # stopping goes on; all steps before are safe
+            _log.error("the last step failed", exc_info=True)
+
+
+def _losses(counters: Mapping[str, int]) -> dict[str, int]:
+    """The synchroniser's counters without what it let through."""
+    return {
+        f"sync.{name}": count for name, count in counters.items() if name not in ("frames", "views", "image_unused")
+    }
