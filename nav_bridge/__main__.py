@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -42,6 +41,9 @@ def main(context: click.Context, robot: str | None, endpoint: str | None, verbos
     "--queries", type=click.Path(path_type=Path, dir_okay=False), help="JSON list of objects with id and text."
 )
 @click.option("--from", "start", default="0,0,0", help="Where the robot is: X,Y or X,Y,YAW in the map frame.")
+@click.option(
+    "--within", "within_m", type=click.FloatRange(0.05, 10.0), help="Farthest distance to the target, metres."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_CONFIG
 @click.pass_context
@@ -51,6 +53,7 @@ def offline(
     query: str | None,
     queries: Path | None,
     start: str,
+    within_m: float | None,
     as_json: bool,
     config: Path | None,
 ) -> None:
@@ -65,14 +68,14 @@ def offline(
     robot = _pose(start)
     try:
         asked = load_queries(queries) if queries is not None else [(None, str(query))]
-        answers = answer_all(folder, asked, robot, load_settings(config))
+        answers = answer_all(folder, asked, robot, load_settings(config), within_m)
     except IrsdError as error:
         raise click.ClickException(str(error)) from error
     if as_json:
         click.echo(json.dumps(answers if queries is not None else answers[0], ensure_ascii=False))
     else:
         for answer in answers:
-            click.echo(_line(answer))
+            click.echo(f"{answer['query']}: {answer['text']}")
     context.exit(0 if queries is not None else EXIT_CODES[answers[0]["status"]])
 
 
@@ -85,18 +88,6 @@ def _pose(text: str) -> tuple[float, float, float]:
     if len(numbers) not in (2, 3):
         raise click.BadParameter("expected X,Y or X,Y,YAW", param_hint="--from")
     return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
-
-
-def _line(answer: dict[str, Any]) -> str:
-    """One answer for people."""
-    target, approach = answer["target"], answer["approach"]
-    head = f"{answer['text']}: {answer['status']}"
-    if target is not None and approach is not None:
-        place = f" in {target['room']}" if target["room"] else ""
-        pose = f"x {approach['x']:.2f} y {approach['y']:.2f} yaw {approach['yaw']:.2f}"
-        return f"{head}: {target['instance']} {target['label']}{place}; stand at {pose}, {approach['distance_to_target_m']:.2f} m from it"
-    names = ", ".join(f"{c['instance']} {c['label']}" for c in answer["candidates"])
-    return f"{head}: {answer['why']['reason']}" + (f" ({names})" if names else "")
 
 
 if __name__ == "__main__":

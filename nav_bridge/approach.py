@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from irsd.core.settings import setting
-from nav_bridge.route import CostMap, connected_to, line_cells, snap_to_passable
+from nav_bridge.route import CostMap, connected_to, snap_to_passable
 
-_RAYS = 12  # target points a pose is checked for sight of
+_RAYS = 12  # target cells a pose is checked for sight of
+_HIDDEN = 1.0  # price, in metres, of a pose that sees nothing of its target or stands in another room
+_MAX_POINTS = 4000  # a target's points beyond this many are thinned: they lie millimetres apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,7 @@ def find_approach(
     the distance. Everything is in the map frame, metres.
     """
     points = np.asarray(target_xy, np.float64)[:, :2]
+    points = points[:: max(1, len(points) // _MAX_POINTS)]
     if not len(points):
         return Unreachable("the target has no points", None)
     start = snap_to_passable(costs, robot_xy, start_reach_m)
@@ -103,51 +106,62 @@ def find_approach(
     cells, xy, away = cells[near], xy[near], away[near]
     clear = costs.clear_m[cells[:, 0], cells[:, 1]]
     inside = in_polygon(xy, room_xy) if len(room_xy) >= 3 else np.ones(len(xy), bool)
-    sees = sight(costs, xy, points)
-    price = _price(away, clear, sees, inside, settings) + 0.01 * np.hypot(*(xy - robot_xy).T)
-    best = int(price.argmin())
-    yaw = _yaw_to(xy[best], points)
+    price = _price(away, clear, inside, settings) + 0.01 * np.hypot(*(xy - robot_xy).T)
+    best, sees = _cheapest(price, xy, Sight(costs, points))
     x, y = (round(float(v), 4) for v in xy[best])
-    return ApproachPose(x, y, yaw, float(away[best]), float(clear[best]), float(sees[best]))
+    return ApproachPose(x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), sees)
+
+
+def _cheapest(price: NDArray[np.float64], xy: NDArray[np.float64], sight: Sight) -> tuple[int, float]:
+    """(index, share seen) of the place [N, 2] whose price and hidden target together cost least.
+
+    Sight is dear to compute and only adds to the price: places are tried in order of price until none can be better.
+    """
+    best, best_price, best_sees = 0, math.inf, 0.0
+    for k in np.argsort(price, kind="stable"):
+        if price[k] >= best_price:
+            break
+        sees = sight.share(xy[k])
+        total = price[k] + _HIDDEN * (1.0 - sees)
+        if total < best_price:
+            best, best_price, best_sees = int(k), float(total), sees
+    return best, best_sees
 
 
 def _price(
-    away: NDArray[np.float64],
-    clear: NDArray[np.float32],
-    sees: NDArray[np.float64],
-    inside: NDArray[np.bool_],
-    settings: ApproachSettings,
+    away: NDArray[np.float64], clear: NDArray[np.float32], inside: NDArray[np.bool_], settings: ApproachSettings
 ) -> NDArray[np.float64]:
-    """What each pose [N] is worth less: distance, tightness, hidden target, wrong side of a wall. Metres, roughly."""
+    """What each pose [N] is worth less: distance, tightness, wrong side of a wall. Metres, roughly."""
     best = min(settings.best_m, settings.within_m - settings.margin_m)
     distance = np.abs(away - best) * np.where(away > best, 4.0, 1.0)
     late = np.clip(away - (settings.within_m - settings.margin_m), 0.0, None) * 20.0
     tight = np.clip(settings.comfort_m - clear, 0.0, None) * 2.0
-    return np.asarray(distance + late + tight + 0.8 * (1.0 - sees) + np.where(inside, 0.0, 1.0))
+    return np.asarray(distance + late + tight + np.where(inside, 0.0, _HIDDEN))
 
 
-def sight(costs: CostMap, xy: NDArray[np.floating], target_xy: NDArray[np.floating]) -> NDArray[np.float64]:
-    """[N] share of a sample of target points [M, 2] that each place [N, 2] sees past obstacles, in plan.
+class Sight:
+    """Which share of a target a place sees past obstacles, in plan. Cells that hold target points hide nothing."""
 
-    Cells that hold target points are part of the target and hide nothing.
-    """
-    frame = costs.frame
-    blocked = costs.blocked.copy()
-    own = frame.cells_of(target_xy)
-    own = own[frame.inside(own)]
-    blocked[own[:, 0], own[:, 1]] = False
-    out = np.zeros(len(xy))
-    for n, place in enumerate(np.asarray(xy, np.float64)):
-        order = np.argsort(np.hypot(*(target_xy - place).T), kind="stable")
-        # Nearest half: the far side of a thing is hidden by the thing itself.
-        sample = target_xy[order[: max(1, len(order) // 2)]]
-        sample = sample[:: max(1, len(sample) // _RAYS)][:_RAYS]
-        seen = 0
-        for point in sample:
-            line = line_cells(frame, place, point)
-            seen += not blocked[line[:, 0], line[:, 1]].any()
-        out[n] = seen / len(sample)
-    return out
+    def __init__(self, costs: CostMap, target_xy: NDArray[np.floating]) -> None:
+        self._frame = costs.frame
+        self._blocked = costs.blocked.copy()
+        own = self._frame.cells_of(target_xy)
+        own = np.unique(own[self._frame.inside(own)], axis=0)
+        self._blocked[own[:, 0], own[:, 1]] = False
+        self._target = self._frame.centres_of(own) if len(own) else np.asarray(target_xy, np.float64)[:1, :2]
+
+    def share(self, place: NDArray[np.floating]) -> float:
+        """0..1 for a place (x, y): of the nearer half of the target's cells, as its far side is hidden by itself."""
+        away = np.hypot(*(self._target - place).T)
+        order = np.argsort(away, kind="stable")[: max(1, len(away) // 2)]
+        sample = self._target[order][:: max(1, len(order) // _RAYS)][:_RAYS]
+        steps = max(2, math.ceil(float(away[order[-1]]) / (0.4 * self._frame.resolution_m)))
+        lines = place + np.linspace(0.0, 1.0, steps)[None, :, None] * (sample - place)[:, None, :]
+        cells = self._frame.cells_of(lines.reshape(-1, 2))
+        inside = self._frame.inside(cells)
+        cells = np.where(inside[:, None], cells, 0)
+        hidden = (self._blocked[cells[:, 0], cells[:, 1]] & inside).reshape(len(sample), steps).any(1)
+        return float(1.0 - hidden.mean())
 
 
 def in_polygon(xy: NDArray[np.floating], polygon_xy: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:

@@ -1,17 +1,17 @@
-"""Settings of the bridge, and the only YAML of nav_bridge: its configuration file and the map_server descriptions of occupancy maps."""
+"""Settings of the bridge, and the only YAML of nav_bridge: its configuration file and descriptions of occupancy maps."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from irsd.core.errors import ConfigError
-from irsd.core.settings import build, section, setting
+from irsd.core.settings import build, setting
 from irsd.io.endpoints import ZenohSettings
 from nav_bridge.approach import ApproachSettings
 from nav_bridge.evidence import EvidenceSettings
@@ -39,13 +39,13 @@ class BridgeSettings:
     odom_topic: str = setting("/odom", "ROS topic with the robot's odometry")
     odom_namespace: str = setting("", "namespace of zenoh-bridge-ros2dds on the input side, if it has one")
     reply_timeout_s: float = setting(3.0, "how long irsd may take to answer a question", lo=0.1, hi=60.0)
-    zenoh: ZenohSettings = section(ZenohSettings)
-    evidence: EvidenceSettings = section(EvidenceSettings)
-    resolve: ResolveSettings = section(ResolveSettings)
-    approach: ApproachSettings = section(ApproachSettings)
-    route: RouteSettings = section(RouteSettings)
-    monitor: MonitorSettings = section(MonitorSettings)
-    sinks: SinkSettings = section(SinkSettings)
+    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    resolve: ResolveSettings = field(default_factory=ResolveSettings)
+    approach: ApproachSettings = field(default_factory=ApproachSettings)
+    route: RouteSettings = field(default_factory=RouteSettings)
+    monitor: MonitorSettings = field(default_factory=MonitorSettings)
+    sinks: SinkSettings = field(default_factory=SinkSettings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ def _function(name: str, verbs: str, things: str, near: str = "") -> Function:
 
 
 # fmt: off
+# ruff: noqa: E501  the table is data
 FUNCTIONS: tuple[Function, ...] = (
     _function("cook", "cook | fry | prepare food | make food | make dinner | make lunch | make breakfast | prepare meal | boil | kochen | braten | cuisiner | "
               "faire cuire | cocinar | cucinare | готовить | 做饭 | 烹饪 | 料理", "stove, cooktop, oven, microwave"),
@@ -109,7 +110,7 @@ OPENERS: tuple[tuple[str, ...], ...] = tuple(
                 "ou puis je | ou peut on | quelque chose pour | un endroit pour | endroit pour | je veux | je voudrais | "
                 "donde puedo | algo para | un lugar para | lugar para | quiero | dove posso | qualcosa per | un posto per | posto per | dove si puo | voglio | "
                 "где можно | где я могу | где мне | что нибудь чтобы | место чтобы | место где можно | я хочу | мне надо | хочу"
-            ).split("|")
+            ).split("|")  # noqa: SIM905  one readable block
         ),
         key=lambda tokens: (-len(tokens), tokens),
     )

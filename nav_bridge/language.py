@@ -1,7 +1,8 @@
 """From a sentence to a ``GoalSpec``, offline: what is wanted, in which room, placed how against what, which one of several.
 
-``parse`` is a grammar of few rules over the tables of ``words`` and ``functions``; the alias table (passed in as ``Names``) tells names of
-things and rooms from other words. It never fails: what it can't place it keeps as part of the name, and the resolver says not found.
+``parse`` is a grammar of few rules over the tables of ``words`` and ``functions``; the alias table (passed in as ``Names``)
+tells names of things and rooms from other words. It never fails: what it can't place it keeps as part of the name, and the
+resolver says not found.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Names(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Phrase:
-    """A thing as named. name: the words of the noun, folded; head: its known ending, "" when the name itself is known or nothing is.
+    """A thing as named. name: the words of the noun, folded; head: its known ending, "" when the name is known or nothing is.
 
     attributes: (group, canonical attribute), such as ("colour", "orange").
     """
@@ -42,8 +43,8 @@ class Phrase:
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """How the goal lies to others. kind: near, at, on, under, above, front, behind, between, in, with, has_on, has_under, nearest, farthest
-    (with anchors), corner, middle, floor, wall, ceiling (without). room: the anchor is a room of this name."""
+    """How the goal lies to others. kind: near, at, on, under, above, front, behind, between, in, with, without, has_on, has_under,
+    nearest, farthest (with anchors), corner, middle, floor, wall, ceiling (without). room: the anchor is a room of this name."""
 
     kind: str
     anchors: tuple[Phrase, ...] = ()
@@ -55,8 +56,8 @@ class Relation:
 class GoalSpec:
     """What a sentence asks for.
 
-    things: names wanted, best first (several for a purpose). room / not_rooms: names of rooms as said. choice: "" (must be unique), any,
-    nearest, farthest, largest, smallest, tallest, lowest, ordinal; rank: which one in the order of choice, 1 = first.
+    things: names wanted, best first (several for a purpose). room / not_rooms: names of rooms as said. choice: "" (must be
+    unique), any, nearest, farthest, largest, smallest, tallest, lowest, ordinal; rank: which one in the order of choice, 1 = first.
     function: the purpose it was asked by, "".
     """
 

@@ -1,4 +1,4 @@
-"""Chinese and Japanese goals: no blanks, the goal last, place words behind what they refer to (沙发旁边的垃圾桶, ソファの隣のゴミ箱)."""
+"""Chinese and Japanese goals: no blanks, the goal last, place words behind their thing (沙发旁边的垃圾桶, ソファの隣のゴミ箱)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answer goals on a map that ``irsctl replay`` left in a folder: graph.json, instances.npz, occupancy.png and .yaml. Drives nothing."""
+"""Answer goals on the map that ``irsctl replay`` left in a folder: graph.json, instances.npz, occupancy.png/.yaml."""
 
 from __future__ import annotations
 
@@ -79,13 +79,19 @@ def load_queries(path: Path) -> list[tuple[str | None, str]]:
 
 
 def answer_all(
-    folder: Path, queries: Iterable[tuple[str | None, str]], robot: XyYaw, settings: BridgeSettings
+    folder: Path,
+    queries: Iterable[tuple[str | None, str]],
+    robot: XyYaw,
+    settings: BridgeSettings,
+    within_m: float | None = None,
 ) -> list[dict[str, Any]]:
     """The answers to (id, text) pairs, in order; encoder and map are loaded once."""
     known = load_map(folder)
     planner = Planner(LabelEncoder.load(), settings)
     costs = planner.cost_map(known.frame, known.occupancy)
     return [
-        answer_document(planner.answer(text, known.graph, costs, known.points_of, robot), query_id)
+        answer_document(
+            planner.answer(text, known.graph, lambda: costs, known.points_of, robot, within_m), known.graph, query_id
+        )
         for query_id, text in queries
     ]

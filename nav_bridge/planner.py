@@ -24,6 +24,7 @@ _ALTERNATES = 6  # of an open choice ("any chair"), how many are tried before th
 
 XyYaw = tuple[float, float, float]
 PointsOf = Callable[[str], NDArray[np.floating]]
+MapOf = Callable[[], CostMap | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +65,13 @@ class Planner:
         self,
         text: str,
         graph: GraphSnapshot,
-        costs: CostMap | None,
+        map_of: MapOf,
         points_of: PointsOf,
         robot: XyYaw,
         within_m: float | None = None,
     ) -> Answer:
-        """The whole answer. costs: None when no map is known yet. points_of: surface points [N, 3] of an instance id, map frame.
+        """The whole answer. map_of: gives the map, None when none is known yet; asked only when it is needed. points_of:
+        surface points [N, 3] of an instance id, map frame.
 
         robot: pose in the map frame. within_m: replaces the setting for this goal.
         """
@@ -78,6 +80,7 @@ class Planner:
             return Answer(text, "ambiguous", spec, resolution, None, None, None, resolution.question)
         if isinstance(resolution, NotFound):
             return Answer(text, "not_found", spec, resolution, None, None, None, resolution.reason)
+        costs = map_of()
         answers = (
             self._to(target, text, spec, resolution, graph, costs, points_of, robot, within_m)
             for target in (resolution.target, *resolution.alternates[:_ALTERNATES])
@@ -123,9 +126,9 @@ class Planner:
         return Answer(text, "resolved", spec, resolution, target, found, route, "")
 
 
-def answer_document(answer: Answer, query_id: str | None = None) -> dict[str, Any]:
-    """The answer as JSON-ready mapping, in the form DESIGN.md gives it."""
-    document: dict[str, Any] = {"id": query_id, "text": answer.text, "status": answer.status, "target": None}
+def answer_document(answer: Answer, graph: GraphSnapshot, query_id: str | None = None) -> dict[str, Any]:
+    """The answer as JSON-ready mapping, in the form DESIGN.md gives it; ``text`` says it in a sentence."""
+    document: dict[str, Any] = {"id": query_id, "query": answer.text, "status": answer.status, "target": None}
     if answer.target is not None:
         target = answer.target
         document["target"] = {
@@ -137,8 +140,31 @@ def answer_document(answer: Answer, query_id: str | None = None) -> dict[str, An
     document["candidates"] = [_candidate(c) for c in _candidates(answer.resolution)]
     document["approach"] = _approach(answer)
     document["waypoints"] = [list(point) for point in answer.route.waypoints] if answer.route is not None else []
+    document["text"] = answer_text(answer, graph)
     document["why"] = why_document(answer)
     return document
+
+
+def name_of(instance: str, graph: GraphSnapshot) -> str:
+    """An instance for people: ``I7 television in R3 laboratory``."""
+    node = next((n for n in graph.instances if n.id == instance), None)
+    if node is None:
+        return instance
+    room = next((r for r in graph.rooms if r.id == node.room), None)
+    return f"{node.id} {node.label}" + (f" in {room.id} {room.label}" if room is not None else "")
+
+
+def answer_text(answer: Answer, graph: GraphSnapshot) -> str:
+    """The answer in a sentence."""
+    if answer.target is not None:
+        name = name_of(answer.target.instance, graph)
+        if answer.approach is not None and answer.route is not None:
+            return (
+                f"going to {name}: {answer.route.length_m:.1f} m, stopping {answer.approach.distance_m:.2f} m from it"
+            )
+        return f"unreachable: {name}: {answer.reason}"
+    names = ", ".join(name_of(c.instance, graph) for c in _candidates(answer.resolution))
+    return f"{answer.status.replace('_', ' ')}: {answer.reason}" + (f" ({names})" if names else "")
 
 
 def _approach(answer: Answer) -> dict[str, Any] | None:

@@ -47,7 +47,7 @@ def room_box(room: RoomNode) -> Box:
 
 def _to_local(box: Box, xy: NDArray[np.float64]) -> NDArray[np.float64]:
     c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    return (xy - np.array(box.center_m[:2])) @ np.array([[c, -s], [s, c]])
+    return np.asarray((xy - np.array(box.center_m[:2])) @ np.array([[c, -s], [s, c]]))
 
 
 def _samples(box: Box, per_side: int = 9) -> NDArray[np.float64]:
@@ -100,6 +100,11 @@ def above(a: Box, b: Box) -> float:
     return _fall(plan_gap(a, b), 0.15, 1.2) * _fall(lower, 0.35, 0.8)
 
 
+def under(a: Box, b: Box) -> float:
+    """a lies below b: b hangs over it, or b (a table) spans it."""
+    return max(above(b, a), plan_overlap(a, b) * float(a.top_m <= b.top_m))
+
+
 def in_front(a: Box, b: Box) -> float:
     """a stands where one looks at b from: some metres off at most, not on it. Which side is b's front is not known."""
     return _fall(plan_gap(a, b), 2.5, 5.0) * (1.0 - max(on(a, b), on(b, a)))
@@ -113,7 +118,7 @@ def between(a: Box, b: Box, c: Box) -> float:
     if length < 1e-6:
         return 0.0
     along = float((p - q) @ span) / length**2
-    across = abs(float(np.cross(np.append(span, 0), np.append(p - q, 0))[2])) / length
+    across = abs(float(span[0] * (p - q)[1] - span[1] * (p - q)[0])) / length
     half = max(a.size_m[0], a.size_m[1]) / 2
     return _fall(max(-along, along - 1.0, 0.0), 0.0, 0.3) * _fall(max(across - half, 0.0) / max(length, 1.0), 0.15, 0.6)
 

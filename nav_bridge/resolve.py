@@ -6,13 +6,13 @@ resolved; several that nothing tells apart are ambiguous, unless the goal leaves
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from irsd.core.settings import setting
-from irsd.graph.model import GraphSnapshot, InstanceNode
+from irsd.graph.model import GraphSnapshot, InstanceNode, RoomNode
 from nav_bridge import relations as rel
 from nav_bridge.evidence import Knowledge
 from nav_bridge.language import GoalSpec, Phrase, Relation
@@ -194,7 +194,7 @@ def _by_rooms(
 
 
 def _in_unknown_room(cases: list[_Case], wanted: str, graph: GraphSnapshot, knowledge: Knowledge) -> str:
-    """No room of the kind is known: it may be one whose kind is not known. What belongs elsewhere is out; returns the doubt that is left."""
+    """No room of the kind is known: it may be one of unknown kind. What belongs elsewhere is out; returns the doubt left."""
     untyped = {room.id for room in graph.rooms if room.label == "room"}
     belongs = [knowledge.belongs(case.node.label, wanted) for case in cases]
     for case, fits in zip(cases, belongs, strict=True):
@@ -268,10 +268,8 @@ def _fit(case: _Case, kind: str, groups: list[list[Anchor]], graph: GraphSnapsho
     return max((_pair_fit(case.box, box, kind) * min(1.0, 0.3 + score) for box, score in others[0]), default=0.0)
 
 
-def _place_fit(box: Box, kind: str, room: object) -> float:
-    from irsd.graph.model import RoomNode  # noqa: PLC0415
-
-    if not isinstance(room, RoomNode):
+def _place_fit(box: Box, kind: str, room: RoomNode | None) -> float:
+    if room is None:
         return 0.5
     if kind == "corner":
         return rel.in_corner(box, room.polygon_xy)
@@ -284,25 +282,20 @@ def _place_fit(box: Box, kind: str, room: object) -> float:
 
 def _pair_fit(a: Box, b: Box, kind: str) -> float:
     """a: the candidate, b: what it is related to."""
-    if kind == "at":
-        return rel.near(a, b, 0.3, 1.8)
-    if kind == "on":
-        return rel.on(a, b)
-    if kind == "has_on":
-        return rel.on(b, a)
-    if kind == "in":
-        return max(rel.on(a, b), 0.6 * rel.near(a, b, 0.1, 0.6))
-    if kind == "under":
-        return max(rel.above(b, a), rel.plan_overlap(a, b) * float(a.top_m <= b.top_m))
-    if kind == "has_under":
-        return max(rel.above(a, b), rel.plan_overlap(b, a) * float(b.top_m <= a.top_m))
-    if kind == "above":
-        return rel.above(a, b)
-    if kind == "front":
-        return rel.in_front(a, b)
-    if kind in ("with", "without"):
-        return max(rel.on(b, a), rel.near(a, b, 0.2, 1.2))
-    return rel.near(a, b)
+    fits: dict[str, Callable[[], float]] = {
+        "at": lambda: rel.near(a, b, 0.3, 1.8),
+        "on": lambda: rel.on(a, b),
+        "has_on": lambda: rel.on(b, a),
+        "in": lambda: max(rel.on(a, b), 0.6 * rel.near(a, b, 0.1, 0.6)),
+        "under": lambda: rel.under(a, b),
+        "has_under": lambda: rel.under(b, a),
+        "above": lambda: rel.above(a, b),
+        "front": lambda: rel.in_front(a, b),
+        "with": lambda: max(rel.on(b, a), rel.near(a, b, 0.2, 1.2)),
+        "without": lambda: max(rel.on(b, a), rel.near(a, b, 0.2, 1.2)),
+    }
+    fit = fits.get(kind)
+    return rel.near(a, b) if fit is None else fit()
 
 
 def _none_sure(cases: list[_Case], alive: list[_Case], named: str, settings: ResolveSettings) -> Resolution:
@@ -352,18 +345,12 @@ def _choose(
         c.node.id: float(np.hypot(c.node.centroid_m[0] - robot_xy[0], c.node.centroid_m[1] - robot_xy[1]))
         for c in rivals
     }
-    keys = {
-        "nearest": lambda c: away[c.node.id], "ordinal": lambda c: away[c.node.id], "farthest": lambda c: -away[c.node.id],
-        "largest": lambda c: -c.node.volume_m3, "smallest": lambda c: c.node.volume_m3,
-        "tallest": lambda c: -c.box.top_m, "lowest": lambda c: c.box.bottom_m,
-        "any": lambda c: away[c.node.id],
-    }  # fmt: skip
     ordered = sorted(rivals, key=lambda c: (-c.score, _number(c.node.id)))
     related = any(r.kind in ("nearest", "farthest") for r in spec.relations)
     if related:
         ordered = sorted(rivals, key=lambda c: (c.order, _number(c.node.id)))
-    elif spec.choice in keys:
-        ordered = sorted(rivals, key=lambda c: (keys[spec.choice](c), _number(c.node.id)))
+    elif spec.choice:
+        ordered = sorted(rivals, key=lambda c: (_rank_key(spec.choice, c, away[c.node.id]), _number(c.node.id)))
     considered = _listed(cases, settings)
     frozen = tuple(c.frozen() for c in ordered)
     if doubt:
@@ -375,6 +362,18 @@ def _choose(
         alternates = frozen[:at] + frozen[at + 1 :] if spec.choice == "any" else ()
         return Resolved(frozen[at], alternates, considered)
     return Ambiguous(frozen[: settings.max_candidates], _question(ordered), considered)
+
+
+def _rank_key(choice: str, case: _Case, away_m: float) -> float:
+    """What a choice among equals goes by, smallest first; nearest to the robot unless it says otherwise."""
+    keys = {
+        "farthest": -away_m,
+        "largest": -case.node.volume_m3,
+        "smallest": case.node.volume_m3,
+        "tallest": -case.box.top_m,
+        "lowest": case.box.bottom_m,
+    }
+    return keys.get(choice, away_m)
 
 
 def _question(cases: Sequence[_Case]) -> str:

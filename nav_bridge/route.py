@@ -94,7 +94,7 @@ def snap_to_passable(costs: CostMap, xy: tuple[float, float], reach_m: float) ->
     k = math.ceil(reach_m / frame.resolution_m) + 1
     r0, c0 = max(0, row - k), max(0, col - k)
     window = costs.passable[r0 : max(r0, row + k + 1), c0 : max(c0, col + k + 1)]
-    found = np.argwhere(window) + [r0, c0]
+    found = np.argwhere(window) + np.array([r0, c0], np.int64)
     if not len(found):
         return None
     away = np.hypot(*(frame.centres_of(found) - xy).T)
@@ -109,8 +109,8 @@ def connected_to(costs: CostMap, cell: tuple[int, int]) -> NDArray[np.bool_]:
     return np.asarray((labels == labels[cell]) & costs.passable)
 
 
-def _cross() -> NDArray[np.int_]:
-    return ndimage.generate_binary_structure(2, 1)
+def _cross() -> NDArray[np.bool_]:
+    return np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], bool)
 
 
 def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.int64] | None:

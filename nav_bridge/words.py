@@ -4,6 +4,7 @@ Names of things and rooms are not here: they come from the alias table. Every ph
 so accents and case may be written naturally.
 """
 
+# ruff: noqa: E501  the tables are data
 from __future__ import annotations
 
 import re

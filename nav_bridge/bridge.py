@@ -1,0 +1,339 @@
+"""The bridge: goals in words come in over zenoh, waypoints go out, the drive is watched to its end. Composition root of nav_bridge.
+
+One loop on the main thread owns planner, goal and monitor. Queries are answered by it: their handlers, on zenoh's pool, put a
+request into a ring and wait. One goal at a time; a new one that can be driven preempts the one before.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import signal
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.errors import DecodeError, IrsdError, TransportError
+from irsd.core.geometry import quat_xyzw_to_matrix
+from irsd.core.grid import GridFrame
+from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns
+from irsd.graph.codec import array_from_bytes, png_to_occupancy
+from irsd.graph.model import GraphSnapshot
+from irsd.io.cdr import decode_odometry
+from irsd.io.endpoints import with_environment
+from irsd.io.keys import RobotKeys, subscriptions
+from irsd.io.session import Query, Reply, Sample, Session, open_session
+from irsd.perception.encoder import LabelEncoder
+from nav_bridge.config import BridgeSettings
+from nav_bridge.mirror import GraphMirror
+from nav_bridge.monitor import Driving, Failed, Monitor, Outcome, Reached
+from nav_bridge.planner import Answer, Planner, XyYaw, answer_document, answer_text, name_of
+from nav_bridge.route import CostMap
+from nav_bridge.sinks.ros2 import RosSink
+from nav_bridge.sinks.zenoh import Waypoints, ZenohSink
+
+_log = logging.getLogger(__name__)
+
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_PERIOD_S = 0.05
+_STATE_PERIOD_NS = 500_000_000  # a drive is reported at least this often
+_REQUEST_TIMEOUT_S = 20.0
+
+
+class Sink(Protocol):
+    """Something that is told where to drive; an empty tuple means stop."""
+
+    def send(self, goal_id: str, frame: str, waypoints: Waypoints) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(slots=True)
+class _Request:
+    """A query on its way through the loop. answer or error is set before done."""
+
+    name: str
+    document: Mapping[str, Any]
+    done: Event = field(default_factory=Event)
+    answer: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Drive:
+    """The goal being driven."""
+
+    goal_id: str
+    frame: str
+    name: str
+    monitor: Monitor
+
+
+class Bridge:
+    """Everything between a request and its end. ``run`` owns the calling thread; ``close`` stops the robot if it drives."""
+
+    def __init__(self, session: Session, settings: BridgeSettings, encoder: LabelEncoder) -> None:
+        self._session = session
+        self._settings = settings
+        self._keys = RobotKeys(settings.robot)
+        self._planner = Planner(encoder, settings)
+        self._sinks: tuple[Sink, ...] = (ZenohSink(session, self._keys), RosSink(session, settings.sinks))
+        self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
+        self._wake = Event()
+        self._odometry: Ring[Sample] = Ring(200, self._wake)
+        self._requests: Ring[_Request] = Ring(16, self._wake)
+        self._pose: XyYaw | None = None
+        self._pose_ns = 0
+        self._drive: _Drive | None = None
+        self._goals = 0
+        self._state_seq = 0
+        self._reported_ns = 0
+        self._bad_odometry = 0
+        topics = subscriptions(settings.odom_topic, _ODOMETRY, namespace=settings.odom_namespace)
+        self._handles = [session.subscribe(key, self._odometry) for key in topics]
+        self._handles += [
+            session.queryable(self._keys.nav("goto"), lambda query: self._ask("goto", query)),
+            session.queryable(self._keys.nav("cancel"), lambda query: self._ask("cancel", query)),
+        ]
+        self._handles.append(session.announce(self._keys.nav("alive")))
+
+    # --------------------------------------------------------------------------------------------------- the loop
+    def run(self, stopper: Stopper) -> None:
+        """Until the stop is requested. Raises TransportError when the mirror's thread has died."""
+        while not stopper.requested:
+            self._wake.wait(_PERIOD_S)
+            self._wake.clear()
+            self.step(monotonic_ns())
+            if not self._mirror.alive:
+                raise TransportError("the thread that follows the graph has died; see the log")
+
+    def step(self, now_ns: int) -> None:
+        """One turn: odometry, then requests, then the clock."""
+        for sample in self._odometry.drain():
+            self._hear(sample)
+        for request in self._requests.drain():
+            self._serve(request, now_ns)
+        if self._drive is not None:
+            self._judge(self._drive.monitor.tick(max(now_ns, self._pose_ns)), now_ns)
+
+    def close(self) -> None:
+        """Stops a robot that is under way, and takes everything back."""
+        if self._drive is not None:
+            self._end("cancelled", "nav_bridge stops", None, stop=True)
+        for handle in self._handles:
+            handle.close()
+        self._mirror.close()
+        for sink in self._sinks:
+            sink.close()
+
+    def _hear(self, sample: Sample) -> None:
+        try:
+            odometry = decode_odometry(sample.payload)
+        except DecodeError as error:
+            self._bad_odometry += 1
+            if (
+                self._bad_odometry & (self._bad_odometry - 1) == 0
+            ):  # 1st, 2nd, 4th, ...: a wrong topic must not flood the log
+                _log.warning("%d odometry messages were dropped, last: %s", self._bad_odometry, error)
+            return
+        turn = quat_xyzw_to_matrix(odometry.quat_xyzw)
+        x, y, _ = (float(v) for v in odometry.position_m)
+        self._pose, self._pose_ns = (x, y, math.atan2(turn[1, 0], turn[0, 0])), sample.received_ns
+        if self._drive is not None:
+            self._judge(self._drive.monitor.update(sample.received_ns, self._pose), sample.received_ns)
+
+    def _judge(self, outcome: Outcome, now_ns: int) -> None:
+        """What the monitor says, told to the world."""
+        drive = self._drive
+        if drive is None:
+            return
+        if isinstance(outcome, Reached):
+            self._end("reached", "", outcome.distance_m, text=f"Reached: {outcome.distance_m:.2f} m from {drive.name}")
+        elif isinstance(outcome, Failed):
+            self._end("failed", f"{outcome.cause}: {outcome.reason}", outcome.distance_m, stop=True)
+        elif now_ns - self._reported_ns >= _STATE_PERIOD_NS:
+            self._report(drive, "driving", outcome, f"driving to {drive.name}, {outcome.remaining_m:.1f} m to go")
+            self._reported_ns = now_ns
+
+    # --------------------------------------------------------------------------------------------------- requests
+    def _ask(self, name: str, query: Query) -> None:
+        """On zenoh's pool: hands the request to the loop and waits for its answer."""
+        try:
+            document = json.loads(query.payload) if query.payload else dict(query.parameters)
+        except ValueError as error:
+            raise DecodeError(f"nav/{name}: the payload is no JSON ({error})") from error
+        if not isinstance(document, dict):
+            raise DecodeError(f"nav/{name}: expected a JSON object")
+        request = _Request(name, document)
+        self._requests.put(request)
+        if not request.done.wait(_REQUEST_TIMEOUT_S):
+            raise TransportError(f"nav/{name}: nav_bridge is busy")
+        if request.error:
+            raise TransportError(request.error)
+        query.reply(self._keys.nav(name), json.dumps(request.answer, ensure_ascii=False).encode())
+
+    def _serve(self, request: _Request, now_ns: int) -> None:
+        try:
+            request.answer = self._goto(request.document, now_ns) if request.name == "goto" else self._cancel()
+        except IrsdError as error:
+            request.error = str(error)
+        finally:
+            request.done.set()
+
+    def _cancel(self) -> dict[str, Any]:
+        drive = self._drive
+        if drive is None:
+            return {"goal_id": None, "text": "nothing to cancel"}
+        self._end("cancelled", "cancelled on request", None, stop=True)
+        return {"goal_id": drive.goal_id, "text": f"cancelled the drive to {drive.name}"}
+
+    def _goto(self, document: Mapping[str, Any], now_ns: int) -> dict[str, Any]:
+        """Answers a goal and, when it is resolved, starts the drive."""
+        query, within_m, start = _checked_goto(document)
+        fresh = self._pose is not None and (now_ns - self._pose_ns) * 1e-9 <= self._settings.monitor.odometry_timeout_s
+        robot = start or (self._pose if fresh else None)
+        if robot is None:
+            raise TransportError(f"no odometry on {self._settings.odom_topic}: it is not known where the robot is")
+        graph = self._mirror.graph
+        if graph is None:
+            raise TransportError(f"no graph on {self._keys.snapshot}: is irsd running?")
+        self._goals += 1
+        goal_id = f"g{self._goals}-{self._session.zid[:8]}"
+        points: dict[str, NDArray[np.floating]] = {}
+
+        def points_of(instance: str) -> NDArray[np.floating]:
+            if instance not in points:
+                points[instance] = self._fetch_points(instance)
+            return points[instance]
+
+        answer = self._planner.answer(query, graph, self._fetch_map, points_of, robot, within_m)
+        _log.info("%s %r: %s", goal_id, query, answer_text(answer, graph))
+        if answer.target is not None and answer.route is not None:
+            if not fresh:
+                raise TransportError(f"no odometry on {self._settings.odom_topic}: the drive can't be watched")
+            self._start(goal_id, answer, graph, points_of(answer.target.instance), within_m, now_ns)
+        return {**answer_document(answer, graph, goal_id), "goal_id": goal_id}
+
+    def _start(
+        self,
+        goal_id: str,
+        answer: Answer,
+        graph: GraphSnapshot,
+        points: NDArray[np.floating],
+        within_m: float | None,
+        now_ns: int,
+    ) -> None:
+        if answer.target is None or answer.route is None:
+            return
+        if self._drive is not None:
+            self._end("preempted", f"preempted by {goal_id}", None)
+        settings = self._settings
+        within = settings.approach.within_m if within_m is None else within_m
+        way = answer.route.waypoints
+        monitor = Monitor(way, points, within, settings.monitor, now_ns, settings.approach.outlier_points)
+        name = name_of(answer.target.instance, graph)
+        self._drive = _Drive(goal_id, graph.frame, name, monitor)
+        whole = Driving(answer.route.length_m, None)
+        self._report(self._drive, "accepted", whole, f"accepted: {name}, {answer.route.length_m:.1f} m to go")
+        self._send(way)
+        self._report(self._drive, "driving", whole, f"driving to {name}, {answer.route.length_m:.1f} m to go")
+        self._reported_ns = now_ns
+
+    def _end(self, state: str, reason: str, distance_m: float | None, *, text: str = "", stop: bool = False) -> None:
+        """The drive is over; stop: the robot is told to stand still."""
+        drive, self._drive = self._drive, None
+        if drive is None:
+            return
+        if stop:
+            self._send((), drive)
+        self._report(drive, state, Driving(0.0, distance_m), text or f"{state.capitalize()}: {reason}", reason)
+        _log.info("%s %s %s", drive.goal_id, state, text or reason)
+
+    def _send(self, waypoints: Waypoints, drive: _Drive | None = None) -> None:
+        drive = drive or self._drive
+        if drive is not None:
+            for sink in self._sinks:
+                sink.send(drive.goal_id, drive.frame, waypoints)
+
+    def _report(self, drive: _Drive, state: str, progress: Driving, text: str, reason: str = "") -> None:
+        self._state_seq += 1
+        document = {
+            "schema": "irs/nav/state/1",
+            "seq": self._state_seq,
+            "frame": drive.frame,
+            "goal_id": drive.goal_id,
+            "state": state,
+            "distance_m": None if progress.distance_m is None else round(progress.distance_m, 3),
+            "remaining_m": round(progress.remaining_m, 3),
+            "reason": reason,
+            "text": text,
+        }
+        self._session.put(self._keys.nav("state"), json.dumps(document).encode(), express=True)
+
+    # ---------------------------------------------------------------------------------------------- asking irsd
+    def _first(self, key: str) -> Reply | None:
+        replies = self._session.get(key, timeout_s=self._settings.reply_timeout_s)
+        return next((reply for reply in replies if reply.ok), None)
+
+    def _fetch_map(self) -> CostMap | None:
+        """The occupancy as it is now, None when irsd has none."""
+        reply = self._first(self._keys.occupancy)
+        if reply is None:
+            return None
+        cells = png_to_occupancy(reply.payload)
+        try:
+            header = json.loads(reply.attachment or b"")
+            origin = (float(header["origin_xy_m"][0]), float(header["origin_xy_m"][1]))
+            frame = GridFrame(origin, float(header["resolution_m"]), *cells.shape)
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            raise DecodeError(
+                f"{self._keys.occupancy}: attachment without resolution and origin ({error!r})"
+            ) from error
+        return self._planner.cost_map(frame, cells)
+
+    def _fetch_points(self, instance: str) -> NDArray[np.floating]:
+        """Surface points [N, 3] of an instance, map frame; empty when irsd has none."""
+        reply = self._first(self._keys.points(instance))
+        if reply is None:
+            return np.zeros((0, 3), np.float32)
+        points = array_from_bytes(reply.payload, reply.attachment or b"")
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise DecodeError(f"points of {instance}: expected [N, 3], got {points.shape}")
+        return points
+
+
+def _checked_goto(document: Mapping[str, Any]) -> tuple[str, float | None, XyYaw | None]:
+    """(query, within_m, where to start from) of a goto request. DecodeError says what is wrong with it."""
+    query, within, start = document.get("query"), document.get("within_m"), document.get("from")
+    if not isinstance(query, str) or not query.strip():
+        raise DecodeError("nav/goto: query must be text")
+    if within is not None and not (isinstance(within, (int, float)) and 0.05 <= within <= 10.0):
+        raise DecodeError(f"nav/goto: within_m = {within!r}: must be in 0.05 .. 10")
+    pose: XyYaw | None = None
+    if start is not None:
+        numbers = list(start) if isinstance(start, (list, tuple)) else []
+        if len(numbers) not in (2, 3) or not all(isinstance(v, (int, float)) and math.isfinite(v) for v in numbers):
+            raise DecodeError(f"nav/goto: from = {start!r}: must be [x, y] or [x, y, yaw]")
+        pose = (float(numbers[0]), float(numbers[1]), float(numbers[2]) if len(numbers) == 3 else 0.0)
+    return query, None if within is None else float(within), pose
+
+
+def run_bridge(settings: BridgeSettings, robot: str | None, endpoint: str | None) -> None:
+    """Runs until SIGINT or SIGTERM. robot, endpoint: from the command line, over the settings."""
+    stopper = Stopper()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: stopper.request(signal.Signals(received).name))
+    settings = replace(settings, zenoh=with_environment(settings.zenoh, endpoint), robot=robot or settings.robot)
+    encoder = LabelEncoder.load()  # before the session: a bridge that can be asked can answer
+    with open_session(settings.zenoh, "peer") as session:
+        bridge = Bridge(session, settings, encoder)
+        _log.info("ready: robot %s, endpoint %s", settings.robot, settings.zenoh.endpoint)
+        try:
+            bridge.run(stopper)
+        finally:
+            bridge.close()
+    _log.info("ended: %s", stopper.reason)
