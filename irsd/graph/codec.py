@@ -212,9 +212,9 @@ def array_from_bytes(payload: bytes, attachment: bytes | str) -> NDArray[Any]:
     """Inverse of ``array_to_bytes``, in this machine's byte order. DecodeError when the two don't agree."""
     header = _load(attachment)
     name, shape = header.get("dtype"), header.get("shape")
-    if name not in _DTYPES:
+    if not isinstance(name, str) or name not in _DTYPES:
         raise DecodeError(f"dtype = {name!r}: expected one of {', '.join(sorted(_DTYPES))}")
-    if not isinstance(shape, list) or not all(type(n) is int and n >= 0 for n in shape):
+    if not isinstance(shape, list) or not all(type(n) is int and 0 <= n < 2**31 for n in shape):
         raise DecodeError(f"shape = {shape!r}: expected a list of whole numbers")
     dtype = np.dtype(name).newbyteorder("<")
     if math.prod(shape) * dtype.itemsize != len(payload):

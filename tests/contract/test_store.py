@@ -123,7 +123,7 @@ def test_another_version_says_what_to_do(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / FILE_NAME) as db:
         db.execute("PRAGMA user_version = 99")
     db.close()
-    with pytest.raises(StoreError, match="layout 99.*move the file away"):
+    with pytest.raises(StoreError, match=r"layout 99.*move the file away"):
         Store(tmp_path)
 
 
@@ -151,7 +151,7 @@ def test_a_damaged_file_is_a_store_error(tmp_path: Path, damage: str) -> None:
         middle = slice(4096, len(content))
         content[middle] = random.Random(1).randbytes(len(content) - 4096)
     file.write_bytes(content)
-    with pytest.raises(StoreError, match="damaged|disk"):
+    with pytest.raises(StoreError, match=r"damaged|disk"):
         Store(tmp_path).load()
 
 
