@@ -148,7 +148,9 @@ def test_plane_and_line_fits_are_those_of_an_eigensolver():
         values, vectors = np.linalg.eigh(np.cov(points[groups == k].T, bias=True))
         np.testing.assert_allclose(variances[k], values, rtol=1e-5, atol=1e-9)
         assert abs(normals[k] @ vectors[:, 0]) > 1 - 1e-6
-    flat = np.stack([np.ones(4000), *points[:, :2].T, points[:, 0] ** 2, points[:, 0] * points[:, 1], points[:, 1] ** 2], -1)
+    flat = np.stack(
+        [np.ones(4000), *points[:, :2].T, points[:, 0] ** 2, points[:, 0] * points[:, 1], points[:, 1] ** 2], -1
+    )
     moments = np.stack([flat[groups == k].sum(0) for k in range(50)])
     normals2, centre, variances2 = kernels.line_fits(moments)
     for k in range(50):
