@@ -94,6 +94,11 @@ class LookTask:
         self._rate = rate_rad_s
         self._last: float | None = None
 
+    @property
+    def remaining_rad(self) -> float:
+        """Angle left to turn."""
+        return abs(self._left)
+
     def command(self, pose: NDArray[np.float64], dt_s: float) -> Command:
         """pose: (x, y, unwrapped yaw) now."""
         if self._last is not None:

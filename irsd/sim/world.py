@@ -56,7 +56,7 @@ class WorldSettings:
     lidar: LidarSettings = field(default_factory=LidarSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
-    camera_period_s: float = 0.24
+    camera_period_s: float = 0.2
     odometry_period_s: float = 0.04
     tf_period_s: float = 2.0
     detector_latency_s: float = 0.1
@@ -91,6 +91,7 @@ class World:
         self._trail: list[tuple[int, float, float, float]] = [(start_ns, 0.0, 0.0, 0.0)]
         self._due = dict.fromkeys(("lidar", "camera", "odometry", "tf"), start_ns)
         self._due["lidar"] += _ns(self.settings.lidar.period_s)
+        self._due["camera"] += _ns(self.settings.lidar.period_s / 2)  # not both at once: shorter pauses in between
         self._late: list[WorldMessage] = []
         self._shots = 0
 
@@ -106,7 +107,11 @@ class World:
     def progress(self) -> float:
         """Share of the exploring tour that is done, 0..1 (1 without a tour)."""
         left = sum(self._work_s(leg.length_m, leg.turn_rad) for leg in self._tour)
-        left += sum(self._work_s(t.remaining_m, 0.0) for t in self._tasks if isinstance(t, PathTask))
+        for task in self._tasks:
+            if isinstance(task, PathTask):
+                left += self._work_s(task.remaining_m, 0.0)
+            else:
+                left += self._work_s(0.0, task.remaining_rad)
         return float(np.clip(1.0 - left / self._tour_work, 0.0, 1.0)) if self._tour or self._tasks else 1.0
 
     def follow(self, waypoints: Sequence[Sequence[float]]) -> None:

@@ -106,8 +106,8 @@ def test_messages_are_what_a_robot_sends() -> None:
     count = Counter(m.topic for m in messages)
     assert count["/lidar/points"] == 20
     assert count["/odom"] == 101
-    assert count["/camera/image/compressed"] == count["/camera/camera_info"] == 17
-    assert count["/detections/ids"] == count["/detections/info"] == 17
+    assert count["/camera/image/compressed"] == count["/camera/camera_info"] == 20
+    assert count["/detections/ids"] == count["/detections/info"] == 20
     last = {m.topic: m for m in messages}
     scan = decode_pointcloud2(last["/lidar/points"].data)
     assert scan.frame_id == "lidar"
@@ -127,5 +127,5 @@ def test_messages_are_what_a_robot_sends() -> None:
         strict=True,
     )
     found = [decode_detections(ids, info) for ids, info in pairs]
-    assert sum(len(d.number) for d in found) > 17
+    assert sum(len(d.number) for d in found) > 20
     assert all(d.frame_id == "camera_optical" for d in found)
