@@ -94,13 +94,13 @@ def build(stamp_ns: int, frame_id: str, ids_px: NDArray[np.integer[Any]], info: 
     if ids_px.size and (int(ids_px.min()) < 0 or int(ids_px.max()) > MAX_NUMBER):
         raise DecodeError(f"detections: ids must be in 0..{MAX_NUMBER}")
     ids = np.ascontiguousarray(ids_px, np.uint16)
-    present = np.bincount(ids.ravel(), minlength=1) > 0
-    present[0] = False
-    unknown = np.setdiff1d(np.flatnonzero(present), np.array(info.number, np.int64))
+    present = _values_in(ids)
+    unknown = np.setdiff1d(present[present > 0], np.array(info.number, np.int64))
     if unknown.size:
         raise DecodeError(f"detections: the ids image holds {unknown[:5].tolist()}, which info does not explain")
     order = sorted(range(len(info.number)), key=info.number.__getitem__)
-    kept = [k for k in order if info.number[k] < present.size and present[info.number[k]]]
+    owners = frozenset(present.tolist())
+    kept = [k for k in order if info.number[k] in owners]
     return Detections(
         stamp_ns=stamp_ns,
         frame_id=frame_id or info.frame_id,
@@ -111,6 +111,13 @@ def build(stamp_ns: int, frame_id: str, ids_px: NDArray[np.integer[Any]], info: 
         top_labels=tuple(info.top_labels[k] for k in kept),
         embedding=None if info.embedding is None else info.embedding[kept],
     )
+
+
+def _values_in(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """The values that occur, sorted. Masks are made of runs, so only the first pixel of each run is looked at."""
+    flat = ids.ravel()
+    starts = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    return np.unique(np.concatenate([flat[:1], flat[starts]]))
 
 
 class DetectionPairer:
