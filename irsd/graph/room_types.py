@@ -67,14 +67,18 @@ class RoomType:
 
 
 class RoomTyper:
-    """Types of rooms from what stands in them. Prototypes are embedded at first use; names of things are cached."""
+    """Types of rooms from what stands in them. Prototypes are embedded when made (about a second); names of things are cached."""
 
     def __init__(self, settings: RoomTypeSettings, encoder: LabelEncoder) -> None:
         self.settings = settings
         self._encoder = encoder
-        self._names, self._things = _kinds(settings.types, encoder)
-        self._members: list[NDArray[np.float32]] = []
-        self._prototypes = np.zeros((0, 0), np.float32)
+        self._names, things_of = _kinds(settings.types, encoder)
+        self._members = [
+            np.concatenate([encoder.encode_rooms([name]), encoder.encode(things)])
+            for name, things in zip(self._names, things_of, strict=True)
+        ]
+        means = [m[0] + m[1:].mean(0) if len(m) > 1 else m[0] for m in self._members]
+        self._prototypes = np.stack([mean / np.linalg.norm(mean) for mean in means])
         self._cache: dict[str, NDArray[np.float64]] = {}
 
     def type_of(self, things: Sequence[Evidence], last: str = UNKNOWN) -> RoomType:
@@ -125,20 +129,11 @@ class RoomTyper:
         """[T] similarity of a thing to each type, centred over the types."""
         known = self._cache.get(name)
         if known is None:
-            if not self._members:
-                self._embed_prototypes()
             vector = self._encoder.encode([name])[0]
             nearest = np.array([(member @ vector).max() for member in self._members], np.float64)
             raw = _NEAREST * nearest + (1 - _NEAREST) * (self._prototypes @ vector)
             known = self._cache[name] = raw - raw.mean()
         return known
-
-    def _embed_prototypes(self) -> None:
-        for name, things in zip(self._names, self._things, strict=True):
-            room = self._encoder.encode_rooms([name])
-            self._members.append(np.concatenate([room, self._encoder.encode(things)]))
-        means = [m[0] + m[1:].mean(0) if len(m) > 1 else m[0] for m in self._members]
-        self._prototypes = np.stack([mean / np.linalg.norm(mean) for mean in means])
 
 
 def _kinds(types: Sequence[str], encoder: LabelEncoder) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
