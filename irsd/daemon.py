@@ -197,7 +197,7 @@ class Daemon:
             if state.frames or state.blocked_by
             else "lidar, odometry: nothing received yet",
             stages=self._times.summary(),
-            drops={**(state.drops or {}), "publish.dropped": self._outbox.dropped},
+            drops={**state.drops, "publish.dropped": self._outbox.dropped},
             graph={"rooms": len(snapshot.rooms), "instances": len(snapshot.instances), "seq": snapshot.seq},
             lag_s=state.lag_s,
             faults=faults,
@@ -205,6 +205,7 @@ class Daemon:
             counts={
                 "frames": state.frames,
                 "frames_failed": state.failed,
+                **{f"map.{name}": count for name, count in state.counts.items()},
                 **self._counts.snapshot(),
                 **{f"zenoh.{name}": count for name, count in self._session.counters().items()},
             },

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from irsd.core.errors import ConfigError, DecodeError
@@ -24,7 +24,7 @@ from irsd.sensors.decode import KINDS, decode, decode_detection_ids
 
 _log = logging.getLogger(__name__)
 
-_ARRIVALS_KEPT = 256
+_ARRIVALS_KEPT = 64
 _NS_PER_S = 1_000_000_000
 
 
@@ -47,11 +47,11 @@ class IngestSettings:
     namespace: str = setting("", "namespace of zenoh-bridge-ros2dds, if it has one")
     domain: int | None = setting(None, "ROS domain to listen to with rmw_zenoh; null = any", lo=0, hi=232)
     announce: bool = setting(True, "show up in ROS as node 'irsd' with its subscriptions (rmw_zenoh)")
-    lidar_queue: int = setting(16, "sweeps that may wait; the oldest is dropped and counted", lo=1, hi=1000)
+    lidar_queue: int = setting(32, "sweeps that may wait; the oldest is dropped and counted", lo=1, hi=1000)
     image_queue: int = setting(2, "pictures that may wait", lo=1, hi=100)
-    odometry_queue: int = setting(200, "poses that may wait", lo=1, hi=10000)
-    detections_queue: int = setting(16, "detections that may wait", lo=1, hi=1000)
-    latched_queue: int = setting(16, "mountings and CameraInfo that may wait", lo=1, hi=1000)
+    odometry_queue: int = setting(1000, "poses that may wait", lo=1, hi=10000)
+    detections_queue: int = setting(32, "detections that may wait", lo=1, hi=1000)
+    latched_queue: int = setting(32, "mountings and CameraInfo that may wait", lo=1, hi=1000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +141,17 @@ class SensorDecoder:
         return () if paired is None else (paired,)
 
 
-@dataclass(slots=True)
-class _Input:
-    """A topic with its ring and how often it is heard."""
+class _Input(Ring[Sample]):
+    """A topic's ring, which notes when messages arrive: a busy map thread must not make a sensor look silent."""
 
-    topic: Topic
-    ring: Ring[Sample]
-    rate: Rate = field(default_factory=Rate)
+    def __init__(self, topic: Topic, wake: Event) -> None:
+        super().__init__(topic.queue, wake)
+        self.topic = topic
+        self.rate = Rate()
+
+    def put(self, item: Sample) -> None:
+        self.rate.tick(item.received_ns / _NS_PER_S)
+        super().put(item)
 
 
 class Ingest:
@@ -155,7 +159,7 @@ class Ingest:
 
     def __init__(self, session: Session, settings: IngestSettings, wake: Event) -> None:
         self._decoder = SensorDecoder(settings)
-        self._inputs = tuple(_Input(topic, Ring(topic.queue, wake)) for topic in self._decoder.topics)
+        self._inputs = tuple(_Input(topic, wake) for topic in self._decoder.topics)
         self._arrivals: OrderedDict[int, int] = OrderedDict()
         self._handles: list[Handle] = []
         for entry in self._inputs:
@@ -167,10 +171,9 @@ class Ingest:
         """All that waits, decoded."""
         out: list[Sensed] = []
         for entry in self._inputs:
-            for sample in entry.ring.drain():
+            for sample in entry.drain():
                 if sample.deleted:
                     continue
-                entry.rate.tick(sample.received_ns / _NS_PER_S)
                 for sensed in self._decoder.decode(entry.topic.name, sample.payload):
                     if isinstance(sensed, LidarScan):
                         self._remember(sensed.stamp_ns, sample.received_ns)
@@ -178,8 +181,12 @@ class Ingest:
         return out
 
     def arrived_ns(self, stamp_ns: int) -> int | None:
-        """When (monotonic) the sweep with that stamp came in, None when that is long ago."""
-        return self._arrivals.get(stamp_ns)
+        """When (monotonic) the sweep came in that ended at ``stamp_ns``; None when that is long ago.
+
+        It is the newest that began by then: frames carry the end of their sweep, messages mostly its start.
+        """
+        begun = [stamp for stamp in self._arrivals if stamp <= stamp_ns]
+        return self._arrivals[max(begun)] if begun else None
 
     def sensors(self, now_s: float) -> dict[str, dict[str, Any]]:
         """Per topic: kind, rate_hz, received, decoded, bad, dropped, last_error, age_s (None: never heard)."""
@@ -187,7 +194,7 @@ class Ingest:
 
     def counters(self) -> dict[str, int]:
         """What was lost before the synchroniser: wrong bytes, overflowing rings, lone halves."""
-        dropped = {f"{entry.topic.name}.dropped": entry.ring.dropped for entry in self._inputs}
+        dropped = {f"{entry.topic.name}.dropped": entry.dropped for entry in self._inputs}
         return {**self._decoder.counters(), **dropped}
 
     def close(self) -> None:
@@ -205,7 +212,7 @@ class Ingest:
         for expression in expressions:
             # TRANSIENT_LOCAL topics are kept by an advanced publisher and asked for by its subscriber
             declare = session.subscribe_history if topic.kind == "tf_static" else session.subscribe
-            self._handles.append(declare(expression, entry.ring))
+            self._handles.append(declare(expression, entry))
 
     def _announce(self, session: Session, settings: IngestSettings) -> None:
         domain = settings.domain or 0
@@ -240,10 +247,10 @@ class Ingest:
         return {
             "kind": entry.topic.kind,
             "rate_hz": round(entry.rate.hz(now_s), 2),
-            "received": entry.ring.received,
+            "received": entry.received,
             "decoded": count.decoded,
             "bad": count.bad,
-            "dropped": entry.ring.dropped,
+            "dropped": entry.dropped,
             "last_error": count.last_error,
             "age_s": None if age_s is None else round(age_s, 2),
         }

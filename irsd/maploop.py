@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 from irsd.core.errors import TransportError
@@ -46,7 +46,8 @@ class MapState:
     blocked_by: str | None = None
     lag_s: float | None = None
     stamp_ns: int = 0
-    drops: Mapping[str, int] | None = None
+    drops: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,18 +128,12 @@ class MapLoop:
             self._step(frame)
             if self.gave_up:
                 return False
-        state = self.state.get()
-        drops = {**self._ingest.counters(), **_losses(self._sync.counters()), **self._pipeline.counters()}
         self.state.set(
-            MapState(
-                state.frames,
-                state.failed,
-                state.failures,
-                state.last_failure,
-                self._sync.blocked_by(),
-                state.lag_s,
-                state.stamp_ns,
-                drops,
+            replace(
+                self.state.get(),
+                blocked_by=self._sync.blocked_by(),
+                drops={**self._ingest.counters(), **_losses(self._sync.counters())},
+                counts=self._pipeline.counters(),
             )
         )
         return bool(sensed)
@@ -163,9 +158,16 @@ class MapLoop:
                 self._times.add({"lag": lag_s * 1000})
             self._times.add(result.stage_ms)
             self._hand_out(result.delta, result.snapshot)
-        blocked, stamp_ns = state.blocked_by, frame.stamp_ns
         self.state.set(
-            MapState(state.frames + 1, failed, failures, last_failure, blocked, lag_s, stamp_ns, state.drops)
+            replace(
+                state,
+                frames=state.frames + 1,
+                failed=failed,
+                failures=failures,
+                last_failure=last_failure,
+                lag_s=lag_s,
+                stamp_ns=frame.stamp_ns,
+            )
         )
         if failures >= self._max_failures:
             self.gave_up = True

@@ -1,0 +1,142 @@
+"""Stage times, heartbeats, faults, status, and the datagrams systemd reads."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from irsd.health import (
+    HealthSettings,
+    Heartbeats,
+    ProcessMeter,
+    StageTimes,
+    find_faults,
+    notify,
+    status_document,
+    status_line,
+    watchdog_period_s,
+)
+
+
+def sensor(**values: Any) -> dict[str, Any]:
+    base = {"kind": "lidar", "rate_hz": 9.8, "received": 5, "decoded": 5, "bad": 0, "dropped": 0, "last_error": ""}
+    return {**base, "age_s": 0.1, **values}
+
+
+def test_no_stage_no_times() -> None:
+    assert StageTimes().summary() == {}
+
+
+def test_percentiles_over_the_window() -> None:
+    times = StageTimes(window=100)
+    for ms in range(200):
+        times.add({"mapping": float(ms), **({"rooms": 7.0} if ms == 0 else {})})
+    summary = times.summary()
+    assert list(summary) == ["mapping", "rooms"]
+    assert summary["mapping"] == {"runs": 200, "p50_ms": 149.5, "p95_ms": 194.05, "max_ms": 199.0}
+    assert summary["rooms"]["runs"] == 1
+
+
+def test_a_silent_thread_is_late_and_an_ended_one_is_not() -> None:
+    beats = Heartbeats(limit_s=5.0)
+    assert beats.late(0.0) == []
+    beats.beat("map", 0.0)
+    beats.beat("publish", 4.0)
+    assert beats.late(5.0) == []
+    assert beats.late(6.0) == ["map"]
+    beats.end("map")
+    assert beats.late(100.0) == ["publish"]
+
+
+def test_faults() -> None:
+    settings = HealthSettings(sensor_stale_s=2.0)
+    assert find_faults(settings, sensors={"/lidar": sensor()}) == []
+    assert find_faults(settings, sensors={"/tf": sensor(kind="tf_static", age_s=None)}) == []
+    faults = find_faults(
+        settings,
+        sensors={
+            "/lidar": sensor(age_s=3.0),
+            "/odom": sensor(kind="odometry", age_s=None),
+            "/info": sensor(kind="camera_info", decoded=0, bad=3, last_error="K is zero"),
+        },
+        late_threads=["map"],
+        failures=2,
+        last_failure="frame 7: ValueError: x",
+        store_error="disk full",
+    )
+    assert [fault["code"] for fault in faults] == [
+        "sensor_stale",
+        "sensor_missing",
+        "sensor_undecodable",
+        "thread_late",
+        "step_failing",
+        "store",
+    ]
+    text = " ".join(fault["text"] for fault in faults)
+    for part in ("/lidar: silent for 3.0 s", "/odom: nothing", "K is zero", "thread map", "frame 7", "disk full"):
+        assert part in text
+
+
+def document(**values: Any) -> dict[str, Any]:
+    base: dict[str, Any] = {
+        "seq": 3,
+        "robot": "r",
+        "version": "1",
+        "uptime_s": 1.23456,
+        "frame": "map",
+        "sensors": {"/lidar/points": sensor()},
+        "blocked_by": None,
+        "stages": {},
+        "drops": {"a": 0, "b": 2},
+        "graph": {"rooms": 2, "instances": 5, "seq": 9},
+        "lag_s": None,
+        "faults": [],
+        "process": ProcessMeter().read(),
+        "counts": {},
+    }
+    return status_document(**{**base, **values})
+
+
+def test_status_document() -> None:
+    status = document(lag_s=0.12345)
+    assert (status["schema"], status["seq"], status["frame"]) == ("irs/status/1", 3, "map")
+    assert status["drops"] == {"b": 2}
+    assert status["lag_s"] == 0.123
+    assert status["rss_mb"] > 1
+    assert status["threads"] >= 1
+    assert status["cpu_cores"] >= 0
+    assert status_line(status) == "2 rooms, 5 things, lidar 9.8 Hz"
+    assert status_line(document(faults=[{"code": "x", "text": "disk full"}])).endswith("; disk full")
+
+
+def test_nobody_to_notify(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    assert not notify("READY=1")
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_notify_reaches_the_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, abstract: bool) -> None:
+    name = f"@irsd-test-{os.getpid()}" if abstract else str(tmp_path / "n")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as server:
+        server.bind("\0" + name[1:] if abstract else name)
+        monkeypatch.setenv("NOTIFY_SOCKET", name)
+        assert notify("READY=1")
+        assert server.recv(64) == b"READY=1"
+
+
+@pytest.mark.parametrize(
+    ("microseconds", "pid", "period_s"),
+    [(None, None, None), ("0", None, None), ("x", None, None), ("20000000", None, 10.0), ("20000000", "1", None)],
+)
+def test_watchdog_period(
+    monkeypatch: pytest.MonkeyPatch, microseconds: str | None, pid: str | None, period_s: float | None
+) -> None:
+    for name, value in (("WATCHDOG_USEC", microseconds), ("WATCHDOG_PID", pid)):
+        monkeypatch.delenv(name, raising=False)
+        if value is not None:
+            monkeypatch.setenv(name, value)
+    assert watchdog_period_s() == period_s
