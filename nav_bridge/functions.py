@@ -99,7 +99,7 @@ OPENERS: tuple[tuple[str, ...], ...] = tuple(
     sorted(
         (
             tuple(fold(text).split())
-            for text in (
+            for text in (  # noqa: SIM905  one readable block
                 "something to | something for | something i can | something that can | something which can | something where i can | anything to | anything i can | "
                 "anything for | a thing to | thing to | things to | somewhere to | somewhere i can | somewhere where i can | a place to | place to | place for | "
                 "a place for | a place where i can | place where i can | place where you can | a place i can | a spot to | a spot where i can | where can i | where could i | "
@@ -110,7 +110,7 @@ OPENERS: tuple[tuple[str, ...], ...] = tuple(
                 "ou puis je | ou peut on | quelque chose pour | un endroit pour | endroit pour | je veux | je voudrais | "
                 "donde puedo | algo para | un lugar para | lugar para | quiero | dove posso | qualcosa per | un posto per | posto per | dove si puo | voglio | "
                 "где можно | где я могу | где мне | что нибудь чтобы | место чтобы | место где можно | я хочу | мне надо | хочу"
-            ).split("|")  # noqa: SIM905  one readable block
+            ).split("|")
         ),
         key=lambda tokens: (-len(tokens), tokens),
     )

@@ -1,0 +1,246 @@
+"""nav_bridge as a process over real zenoh: goals in words, waypoints out, a robot that drives them, every way a drive can end."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import navigation_house as house
+import numpy as np
+import pytest
+
+from irsd.core.runtime import Ring, monotonic_s
+from irsd.core.types import OdomSample
+from irsd.graph.codec import array_to_bytes, delta_to_json, occupancy_to_png, snapshot_to_json
+from irsd.graph.model import GraphDelta
+from irsd.io.cdr import read
+from irsd.io.keys import RobotKeys
+from irsd.io.session import PNG, Query, Sample, Session, ZenohSettings, open_session
+from irsd.sensors.encode import encode_odometry
+
+KEYS = RobotKeys("bot")
+PATIENCE_S = 40.0
+STEP_M = 0.06  # per odometry message
+
+
+class StandIn:
+    """irsd (graph, map, points) and the robot (odometry, follows waypoints, never faster than STEP_M a step), in one."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.pose = [2.5, 3.0, 0.0]
+        self.way: list[list[float]] = []
+        self.silent = self.stalled = False
+        self.waypoints: Ring[Sample] = Ring(16)
+        self.states: Ring[Sample] = Ring(256)
+        self.more_points: dict[str, Any] = {}
+        self.stops = 0
+        self._count = 0
+        self._deltas = session.history_publisher(KEYS.delta)
+        session.subscribe(KEYS.nav("waypoints"), self.waypoints)
+        session.subscribe(KEYS.nav("state"), self.states)
+        session.queryable(KEYS.snapshot, lambda q: q.reply(KEYS.snapshot, snapshot_to_json(house.GRAPH)))
+        session.queryable(KEYS.occupancy, self._map)
+        session.queryable(KEYS.points("*"), self._points)
+
+    def _map(self, query: Query) -> None:
+        header = {"resolution_m": house.FRAME.resolution_m, "origin_xy_m": house.FRAME.origin_xy_m, "frame": "map", "seq": 1}
+        query.reply(
+            KEYS.occupancy, occupancy_to_png(house.occupancy()), encoding=PNG, attachment=json.dumps(header).encode()
+        )
+
+    def _points(self, query: Query) -> None:
+        name = query.key.split("/")[-2]
+        payload, attachment = array_to_bytes(self.more_points.get(name, house.points_of(name)))
+        query.reply(query.key, payload, attachment=attachment)
+
+    def publish_delta(self, delta: GraphDelta) -> None:
+        self._deltas.put(delta_to_json(delta))
+
+    def step(self) -> None:
+        """One odometry message; a step along the way first."""
+        for sample in self.waypoints.drain():
+            self.way = json.loads(sample.payload)["waypoints"]
+            self.stops += not self.way
+        left = 0.0 if self.stalled else STEP_M
+        while self.way and left > 0:
+            x, y, yaw = self.way[0]
+            away = math.hypot(x - self.pose[0], y - self.pose[1])
+            if away <= left:
+                self.pose, left = [x, y, yaw], left - away
+                self.way.pop(0)
+            else:
+                share = left / away
+                self.pose[0] += share * (x - self.pose[0])
+                self.pose[1] += share * (y - self.pose[1])
+                left = 0.0
+        self._count += 1
+        if not self.silent:
+            turn = np.array([0, 0, math.sin(self.pose[2] / 2), math.cos(self.pose[2] / 2)])
+            sample = OdomSample(self._count * 50_000_000, "odom", "base_link", np.array([*self.pose[:2], 0.0]), turn)
+            self.session.put("odom", encode_odometry(sample))
+
+    def ask(self, name: str, document: dict[str, Any]) -> dict[str, Any]:
+        """The answer to a request; odometry goes on meanwhile."""
+        replies = self.session.get(KEYS.nav(name), timeout_s=PATIENCE_S, payload=json.dumps(document).encode())
+        assert replies, "nobody answers"
+        answer: dict[str, Any] = json.loads(replies[0].payload)
+        return answer
+
+    def drive_until(self, done: Callable[[dict[str, Any]], bool]) -> list[dict[str, Any]]:
+        """Steps the robot until a state fits; all states on the way there."""
+        seen: list[dict[str, Any]] = []
+        deadline = monotonic_s() + PATIENCE_S
+        while monotonic_s() < deadline:
+            self.step()
+            sample = self.states.get(0.02)
+            if sample is not None:
+                seen.append(json.loads(sample.payload))
+                if done(seen[-1]):
+                    return seen
+        raise AssertionError(f"no such state; seen: {seen}")
+
+    def goto(self, query: str, **more: Any) -> dict[str, Any]:
+        """A goal, after fresh odometry."""
+        for _ in range(3):
+            self.step()
+        return self.ask("goto", {"query": query, **more})
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    config = tmp_path_factory.mktemp("nav") / "nav.yaml"
+    config.write_text(
+        "robot: bot\nzenoh: {connect: []}\nsinks: {goal_topic: /goal_pose, path_topic: /plan}\n"
+        "monitor: {stuck_s: 3.0, odometry_timeout_s: 1.5, still_s: 0.4}\n"
+    )
+    command = [sys.executable, "-m", "nav_bridge", "--config", str(config), "--endpoint", endpoint]
+    with open_session(ZenohSettings(endpoint=endpoint, connect=()), "hub") as session:
+        stand_in = StandIn(session)
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        try:
+            deadline = monotonic_s() + PATIENCE_S
+            while not session.find_alive(KEYS.nav("alive")) and process.poll() is None and monotonic_s() < deadline:
+                stand_in.step()
+            yield stand_in
+            process.send_signal(signal.SIGTERM)
+            _, log = process.communicate(timeout=PATIENCE_S)
+            assert process.returncode == 0, log
+            assert "Traceback" not in log, log
+        finally:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(autouse=True)
+def _fresh(world: StandIn) -> None:
+    world.pose, world.way, world.silent, world.stalled = [2.5, 3.0, 0.0], [], False, False
+    world.waypoints.drain()
+    world.states.drain()
+
+
+def ready(world: StandIn, query: str) -> dict[str, Any]:
+    """The answer, once the bridge has heard graph and odometry."""
+    deadline = monotonic_s() + PATIENCE_S
+    while monotonic_s() < deadline:
+        answer = world.goto(query)
+        if "error" not in answer:
+            return answer
+    raise AssertionError(answer)
+
+
+def test_a_goal_is_driven_to_its_end(world: StandIn) -> None:
+    goal_poses: Ring[Sample] = Ring(8)
+    plans: Ring[Sample] = Ring(8)
+    own: Ring[Sample] = Ring(8)
+    handles = [
+        world.session.subscribe("goal_pose", goal_poses),
+        world.session.subscribe("plan", plans),
+        world.session.subscribe(KEYS.nav("path"), own),
+    ]
+    answer = ready(world, "the TV in the kitchen")
+    assert (answer["status"], answer["target"]["instance"], answer["target"]["room"]) == ("resolved", "I12", "R2")
+    states = world.drive_until(lambda s: s["state"] == "reached")
+    assert [s["state"] for s in states][:2] == ["accepted", "driving"]
+    assert {s["goal_id"] for s in states} == {answer["goal_id"]}
+    truth = float(np.hypot(*(house.points_of("I12")[:, :2] - world.pose[:2]).T).min())
+    assert truth <= 0.5
+    assert states[-1]["distance_m"] == pytest.approx(truth, abs=0.06)
+    assert states[-1]["text"] == f"Reached: {states[-1]['distance_m']:.2f} m from I12 television in R2 kitchen"
+    last = answer["waypoints"][-1]
+    for ring, type_name in ((goal_poses, "geometry_msgs/msg/PoseStamped"), (own, "nav_msgs/msg/Path"), (plans, "nav_msgs/msg/Path")):
+        sample = ring.get(PATIENCE_S)
+        assert sample is not None
+        message = read(sample.payload, type_name)
+        pose = message.pose if type_name.endswith("PoseStamped") else message.poses[-1].pose
+        assert (pose.position.x, pose.position.y) == pytest.approx(last[:2])
+    for handle in handles:
+        handle.close()
+
+
+def test_what_cannot_be_driven_is_answered_and_not_driven(world: StandIn) -> None:
+    assert ready(world, "the TV")["status"] == "ambiguous"
+    assert {c["instance"] for c in world.goto("trash can")["candidates"]} == {"I4", "I14"}
+    assert world.goto("elephant")["status"] == "not_found"
+    far = world.goto("fridge", within_m=0.06)
+    assert far["status"] == "unreachable"
+    assert far["target"]["instance"] == "I6"
+    assert far["why"]["best_distance_m"] > 0.06
+    assert "error" in world.ask("goto", {})
+    assert "error" in world.ask("goto", {"query": "fridge", "within_m": "near"})
+    assert world.states.drain() == []
+    assert world.ask("cancel", {})["goal_id"] is None
+
+
+def test_cancel_stops_the_robot(world: StandIn) -> None:
+    answer = ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    before = world.stops
+    assert world.ask("cancel", {})["goal_id"] == answer["goal_id"]
+    states = world.drive_until(lambda s: s["state"] == "cancelled")
+    assert states[-1]["goal_id"] == answer["goal_id"]
+    while world.stops == before:
+        world.step()
+    assert world.way == []
+
+
+def test_a_new_goal_preempts_the_old_one(world: StandIn) -> None:
+    first = ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    second = world.goto("trash can in the laboratory")
+    states = world.drive_until(lambda s: s["state"] == "reached")
+    assert [s["state"] for s in states if s["goal_id"] == first["goal_id"]][-1] == "preempted"
+    assert states[-1]["goal_id"] == second["goal_id"]
+
+
+def test_a_stuck_robot_and_a_silent_one_fail_with_the_reason(world: StandIn) -> None:
+    ready(world, "fridge")
+    world.stalled = True
+    assert world.drive_until(lambda s: s["state"] == "failed")[-1]["reason"].startswith("stuck")
+    world.stalled = False
+    ready(world, "fridge")
+    world.silent = True
+    assert world.drive_until(lambda s: s["state"] == "failed")[-1]["reason"].startswith("no odometry")
+
+
+def test_the_graph_is_followed(world: StandIn) -> None:
+    assert ready(world, "microscope")["status"] == "not_found"
+    new = house.instance(20, "microscope", "R1", (0.2, 4.6, 0.75), (0.4, 4.8, 1.1))
+    world.more_points["I20"] = house.surface(new.aabb_min_m, new.aabb_max_m)
+    for seq, things, removed in ((8, (new,), ()), (9, (), ("I20",))):
+        world.publish_delta(GraphDelta(seq, seq, "flat", "map", (), (), things, removed, ()))
+        wanted = "resolved" if things else "not_found"
+        deadline = monotonic_s() + PATIENCE_S
+        while (answer := world.goto("microscope", within_m=1.5)).get("status") != wanted:
+            assert monotonic_s() < deadline, answer
+    world.ask("cancel", {})
