@@ -78,13 +78,13 @@ class RoomTyper:
             for name, things in zip(self._names, things_of, strict=True)
         ]
         means = [m[0] + m[1:].mean(0) if len(m) > 1 else m[0] for m in self._members]
-        self._prototypes = np.stack([mean / np.linalg.norm(mean) for mean in means])
+        self._prototypes = np.array([mean / np.linalg.norm(mean) for mean in means], np.float32)
         self._cache: dict[str, NDArray[np.float64]] = {}
 
     def type_of(self, things: Sequence[Evidence], last: str = UNKNOWN) -> RoomType:
         """The type of a room with these things; last: its type so far, which is kept while another one is not clearly better."""
         volume = self._volumes(things)
-        if not volume:
+        if not volume or not self._names:
             return RoomType(UNKNOWN, ())
         similarity = np.stack([self._similarity(name) for name in volume])
         amount = np.array(list(volume.values()))

@@ -83,3 +83,7 @@ def test_a_site_adds_a_kind_of_its_own(encoder: LabelEncoder) -> None:
     types = ("kitchen", "bedroom", "reactor room: control panel, turbine, cooling pump")
     typer = RoomTyper(RoomTypeSettings(types=types), encoder)
     assert typer.type_of(things("control panel, turbine, pump")).label == "reactor room"
+
+
+def test_a_site_without_kinds_has_just_rooms(encoder: LabelEncoder) -> None:
+    assert RoomTyper(RoomTypeSettings(types=()), encoder).type_of(things("bed")).label == "room"
