@@ -67,7 +67,10 @@ def test_nodes_are_valid(node: codec.Node) -> None:
 
 VALID = {
     "waypoints": {"schema": "irs/nav/waypoints/1", "seq": 1, "frame": "map", "goal_id": "g", "waypoints": [[0, 1, 2]]},
-    "nav_state": {"goal_id": "g", "state": "reached", "distance_m": 0.43, "reason": None, "text": "Reached"},
+    "nav_state": {
+        **{"schema": "irs/nav/state/1", "seq": 1, "frame": "map", "goal_id": "g", "state": "reached"},
+        **{"distance_m": 0.43, "remaining_m": 0.0, "reason": "", "text": "Reached: 0.43 m from I7 television"},
+    },
     "nav_answer": {
         "id": "q1",
         "status": "resolved",
