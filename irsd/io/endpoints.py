@@ -83,6 +83,8 @@ def opening_failed(settings: ZenohSettings, role: Role, reason: str) -> str:
         return (
             f"can't listen on {settings.endpoint}: another irsd has it; stop it, or choose one with --endpoint: {text}"
         )
+    if "Endpoints must be" in text or "nable to parse" in text:
+        return f"{text}; such as tcp/127.0.0.1:7448"
     if role == "client":
         return f"nobody answers at {', '.join((settings.endpoint, *settings.connect))}: is irsd running? ({text})"
     return f"can't open zenoh with endpoint {settings.endpoint}: {text}"

@@ -37,17 +37,21 @@ class Query:
 class Handle:
     """Something declared on a session; lasts until ``close`` or the session's end."""
 
-    def __init__(self, *entities: Any, forget: Callable[[], None] | None = None) -> None:
+    def __init__(self, *entities: Any) -> None:
         self._entities = entities
-        self._forget = forget
+        self._on_close: Callable[[], None] | None = None
+
+    def on_close(self, call: Callable[[], None]) -> None:
+        """What to do once after the end."""
+        self._on_close = call
 
     def close(self) -> None:
         """Undeclares it; more than once is fine."""
         entities, self._entities = self._entities, ()
         for entity in entities:
             entity.undeclare()
-        if entities and self._forget is not None:
-            self._forget()
+        if entities and self._on_close is not None:
+            self._on_close()
 
     def __enter__(self) -> Handle:
         return self

@@ -27,7 +27,18 @@ import zenoh
 import zenoh.ext as zenoh_ext
 
 from irsd.core.errors import IrsdError, TransportError
-from irsd.core.runtime import Counters, Dispatcher, Event, ExitGuard, Pool, Ring, monotonic_ns, monotonic_s, sleep_s
+from irsd.core.runtime import (
+    Counters,
+    Dispatcher,
+    Event,
+    ExitGuard,
+    Guarded,
+    Pool,
+    Ring,
+    monotonic_ns,
+    monotonic_s,
+    sleep_s,
+)
 from irsd.io.endpoints import DEFAULT_ENDPOINT, Role, ZenohSettings, opening_failed, session_config, with_environment
 from irsd.io.handles import Handle, Publisher, Query
 from irsd.io.messages import (
@@ -88,6 +99,7 @@ class Session:
         self._queries = Pool("zenoh-query", _QUERY_WORKERS, _QUERY_BACKLOG)
         self._closed = Event()
         self._callbacks: Dispatcher[Sample] = Dispatcher("zenoh-dispatch", _CALLBACK_BACKLOG)
+        self._held: Guarded[dict[int, Handle]] = Guarded({})
         self.zid = str(session.zid())
         self._exit_guard = ExitGuard(self.close)
 
@@ -148,7 +160,7 @@ class Session:
         """Messages of a key expression into a ring, or to a callback on the dispatcher thread (bounded, drops counted)."""
         ring = self._ring_of(sink)
         subscriber = self._do(lambda: self._session.declare_subscriber(key, self._receiver(ring)))
-        return Handle(subscriber, forget=lambda: self._callbacks.forget(ring))
+        return self._hold(Handle(subscriber), ring)
 
     def subscribe_history(
         self, key: str, sink: Sink, *, keep: int = 256, on_miss: Callable[[int], None] | None = None
@@ -169,7 +181,7 @@ class Session:
             )
         )
         misses = subscriber.sample_miss_listener(lambda miss: self._missed(key, int(miss.nb), on_miss))
-        return Handle(misses, subscriber, forget=lambda: self._callbacks.forget(ring))
+        return self._hold(Handle(misses, subscriber), ring)
 
     # ---------------------------------------------------------------------------------------- questions and answers
     def queryable(self, key: str, handler: Callable[[Query], None], *, complete: bool = True) -> Handle:
@@ -184,7 +196,7 @@ class Session:
                 with query:
                     Query(query).error("busy: too many questions are waiting")
 
-        return Handle(self._do(lambda: self._session.declare_queryable(key, receive, complete=complete)))
+        return self._hold(Handle(self._do(lambda: self._session.declare_queryable(key, receive, complete=complete))))
 
     def get(
         self, selector: str, *, timeout_s: float = 2.0, payload: bytes | None = None, attachment: bytes | None = None
@@ -208,14 +220,14 @@ class Session:
     # --------------------------------------------------------------------------------------------------- liveliness
     def announce(self, key: str) -> Handle:
         """A token that exists for as long as this process is reachable."""
-        return Handle(self._do(lambda: self._session.liveliness().declare_token(key)))
+        return self._hold(Handle(self._do(lambda: self._session.liveliness().declare_token(key))))
 
     def watch_alive(self, key: str, sink: Sink) -> Handle:
         """Tokens that are there, come, and go (``deleted``): at once for a killed process, after about 10 s for a cut cable."""
         ring = self._ring_of(sink)
         receive = self._receiver(ring)
         watcher = self._do(lambda: self._session.liveliness().declare_subscriber(key, receive, history=True))
-        return Handle(watcher, forget=lambda: self._callbacks.forget(ring))
+        return self._hold(Handle(watcher), ring)
 
     def find_alive(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The tokens there are now, sorted."""
@@ -243,6 +255,8 @@ class Session:
         if os.getpid() != self._pid or self._closed.is_set():
             return
         self._closed.set()
+        with self._held.locked() as held:
+            held.clear()
         self._exit_guard.cancel()
         self._session.close()
         self._callbacks.close()
@@ -267,6 +281,20 @@ class Session:
             return call()
         except zenoh.ZError as error:
             raise TransportError(str(error).split(" at /")[0]) from error
+
+    def _hold(self, handle: Handle, ring: Ring[Sample] | None = None) -> Handle:
+        """Keeps what was declared: zenoh undeclares what Python forgets (tokens, but not subscribers)."""
+
+        def forget() -> None:
+            with self._held.locked() as held:
+                held.pop(id(handle), None)
+            if ring is not None:
+                self._callbacks.forget(ring)
+
+        handle.on_close(forget)
+        with self._held.locked() as held:
+            held[id(handle)] = handle
+        return handle
 
     def _ring_of(self, sink: Sink) -> Ring[Sample]:
         return sink if isinstance(sink, Ring) else self._callbacks.ring(sink)
@@ -318,7 +346,10 @@ def open_session(settings: ZenohSettings, role: Role = "peer") -> Session:
     endpoint and ``connect`` that answers, at once or not at all (irsctl: opens in milliseconds, sees all the hub sees).
     """
     deadline = monotonic_s() + settings.open_timeout_s
-    config = zenoh.Config.from_json5(json.dumps(session_config(settings, role)))
+    try:
+        config = zenoh.Config.from_json5(json.dumps(session_config(settings, role)))
+    except zenoh.ZError as error:
+        raise TransportError(opening_failed(settings, role, str(error))) from error
     while True:
         try:
             return Session(zenoh.open(config))
