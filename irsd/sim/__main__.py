@@ -52,10 +52,8 @@ class Robot2Zenoh:
 
     def send(self, message: WorldMessage) -> None:
         """One message on the topic's bridge key, and into the recording."""
-        publisher = self._publishers.get(message.topic)
-        if publisher is None:
-            publisher = self._publishers[message.topic] = self._declare(message)
-        publisher.put(message.data)
+        self.warm_up(message)
+        self._publishers[message.topic].put(message.data)
         self.sent += 1
         self.bytes_sent += len(message.data)
         if self._recording is None:
@@ -66,6 +64,11 @@ class Robot2Zenoh:
             )
         else:
             self._recording.write(message.topic, message.type_name, message.data, message.log_time_ns)
+
+    def warm_up(self, message: WorldMessage) -> None:
+        """Declares the message's publisher without sending, so that the first second is like every other."""
+        if message.topic not in self._publishers:
+            self._publishers[message.topic] = self._declare(message)
 
     def send_state(self, world: World) -> None:
         """``irs/<robot>/sim/state``: what the robot is doing and where it truly is."""
@@ -110,6 +113,7 @@ def _parse_waypoints(payload: bytes) -> list[list[float]]:
 
 def run(world: World, link: Robot2Zenoh, duration_s: float | None, stopper: Stopper) -> None:
     """Lets the world go on in real time until stopped. Late by more than half a second, time slips instead of racing."""
+    world.start_at(wall_clock_ns())  # stamps then are the wall clock's, however long the start took
     began = monotonic_s()
     slipped_s, next_state_s, next_log_s = 0.0, 0.0, 0.0
     while not stopper.requested:
@@ -175,7 +179,7 @@ def main(arguments: list[str] | None = None) -> None:
         signal.signal(number, lambda signum, _frame: stopper.request(f"signal {signum}"))
     try:
         settings = with_speed(WorldSettings(), options.speed)
-        world = World(options.seed, settings, explore=not options.no_explore, start_ns=wall_clock_ns())
+        world = World(options.seed, settings, explore=not options.no_explore)
         if options.truth is not None:
             options.truth.write_text(json.dumps(truth_document(world.building), indent=1) + "\n")
         with ExitStack() as stack:
@@ -183,6 +187,8 @@ def main(arguments: list[str] | None = None) -> None:
             session = stack.enter_context(open_session(with_environment(ZenohSettings(), options.endpoint)))
             link = Robot2Zenoh(session, options.robot, recording)
             stack.callback(link.close)
+            for message in World(options.seed, settings).step(2 * settings.camera_period_s):
+                link.warm_up(message)
             _log.info("world %d is up: %s", options.seed, ", ".join(room.label for room in world.building.rooms))
             run(world, link, options.duration, stopper)
     except (IrsdError, OSError, ValueError) as error:

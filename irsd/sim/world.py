@@ -114,6 +114,15 @@ class World:
                 left += self._work_s(0.0, task.remaining_rad)
         return float(np.clip(1.0 - left / self._tour_work, 0.0, 1.0)) if self._tour or self._tasks else 1.0
 
+    def start_at(self, stamp_ns: int) -> None:
+        """Sets the clock of a world in which no time has passed yet. Raises ValueError for any other."""
+        if self.now_ns != self.start_ns:
+            raise ValueError("the world's clock can only be set before its first step")
+        shift_ns = stamp_ns - self.start_ns
+        self.now_ns = self.start_ns = stamp_ns
+        self._due = {what: due_ns + shift_ns for what, due_ns in self._due.items()}
+        self._trail = [(stamp_ns, 0.0, 0.0, 0.0)]
+
     def follow(self, waypoints: Sequence[Sequence[float]]) -> None:
         """Follow (x, y, yaw) waypoints in the odometry's frame instead of whatever was going on; an empty list stops.
 

@@ -28,6 +28,18 @@ def test_no_time_no_messages() -> None:
     assert list(simulate(1, 0.0)) == []
 
 
+def test_clock_can_be_set_once_and_moves_nothing_but_stamps() -> None:
+    default, late = World(1), World(1)
+    late.start_at(5 * 10**9)
+    a, b = default.step(0.5), late.step(0.5)
+    shift_ns = default.start_ns - 5 * 10**9
+    assert [(m.topic, m.log_time_ns - shift_ns) for m in a] == [(m.topic, m.log_time_ns) for m in b]
+    scans = [decode_pointcloud2(next(m.data for m in ms if m.topic == "/lidar/points")) for ms in (a, b)]
+    np.testing.assert_array_equal(scans[0].points_sensor, scans[1].points_sensor)
+    with pytest.raises(ValueError, match="clock"):
+        late.start_at(0)
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_exploring_visits_every_room_without_touching_anything(seed: int) -> None:
     world = World(seed, sensing=False)
