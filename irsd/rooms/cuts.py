@@ -27,6 +27,7 @@ _LINTEL_SHARE = 0.7  # part of a cut that must lie under a lintel
 # What speaks for a cut besides being narrow: it closes a gap in one wall's line, or a lintel runs along it.
 _IN_WALL_LINE = 0.85
 _UNDER_LINTEL = 0.7
+_STOOD = 0.9  # or it stood before
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +174,7 @@ def _between(
     tried = (size <= longest) | gap
     begin, end, size, direction = begin[tried], end[tried], size[tried], direction[tried]
     seen = free_length(dist, begin, direction, max(longest, longest_gap) + 2) >= size - 1.0
-    return np.stack([begin, end], axis=1)[seen]
+    return np.asarray(np.stack([begin, end], axis=1)[seen])
 
 
 def _continues(corners: Corners, which: NDArray[np.intp], direction: FloatArray) -> NDArray[np.bool_]:
@@ -257,10 +258,9 @@ def _tautness(ends: FloatArray, dist: NDArray[np.float32], reach: float) -> Floa
 
 def _ceiling_steps(dist: NDArray[np.float32], lintel: NDArray[np.bool_], reach: Reach) -> FloatArray:
     """Cuts where a low ceiling begins: straight edges of wide areas with structure above door height. Ends [K, 2, 2]."""
-    region = lintel.astype(np.uint8)
     # Returns from a ceiling are sparse; what is narrower than a passage is a beam or the top of a wall.
-    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, _disc(reach.jamb / 2))
-    region = cv2.morphologyEx(region, cv2.MORPH_OPEN, _disc(reach.taut / 2))
+    closed = cv2.morphologyEx(lintel.astype(np.uint8), cv2.MORPH_CLOSE, _disc(reach.jamb / 2))
+    region = cv2.morphologyEx(closed, cv2.MORPH_OPEN, _disc(reach.taut / 2))
     contours, _ = cv2.findContours(region, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     begin, end = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for contour in contours:
@@ -277,7 +277,7 @@ def _ceiling_steps(dist: NDArray[np.float32], lintel: NDArray[np.bool_], reach: 
     # Most of the way across must be such an edge, and the whole of it free.
     spans = (size >= 0.6 * (ahead + behind)) & (ahead + behind <= reach.longest_gap) & (ahead > 1) & (behind > 1)
     ends = np.stack([middle - direction * (behind - 1)[:, None], middle + direction * (ahead - 1)[:, None]], axis=1)
-    return ends[spans]
+    return np.asarray(ends[spans])
 
 
 def _disc(radius: float) -> NDArray[np.uint8]:
@@ -325,6 +325,16 @@ def without_crossings(cuts: Cuts, near: float) -> Cuts:
             kept[len(chosen)] = ends
             chosen.append(int(i))
     return cuts.take(np.array(chosen, np.intp))
+
+
+def preferring(cuts: Cuts, before: FloatArray, near: float) -> Cuts:
+    """The cuts, those whose ends lie within ``near`` cells of the ends of one that stood before [K, 2, 2] made likelier."""
+    if not len(before) or not len(cuts.ends):
+        return cuts
+    stood = np.zeros(len(cuts.ends), bool)
+    for ends in before:
+        stood |= _same(ends, cuts.ends, near)
+    return Cuts(cuts.ends, cuts.width, np.where(stood, cuts.ratio * _STOOD, cuts.ratio))
 
 
 def joined(rounds: Sequence[Cuts]) -> Cuts:

@@ -67,6 +67,7 @@ class RoomTracker:
         self._settings = settings
         self._frame: GridFrame | None = None
         self._memory: Labels = np.zeros((0, 0), np.int32)  # the last id each cell had, also of rooms not seen now
+        self._retired: Labels = self._memory  # the last id of cells whose room was merged into another
         self._waiting: dict[tuple[str, int, int], int] = {}  # changes seen but not yet believed, with how often
         self._next_id = 1
         self._restored: tuple[tuple[int, RoomFootprint], ...] = ()
@@ -80,7 +81,7 @@ class RoomTracker:
 
     def update(self, labels: Labels, frame: GridFrame) -> Tracked:
         """Labels [H, W] of one segmentation (0 = none, 1.. = rooms) as labels of ids, held back where change is too young."""
-        memory = self._recalled(frame)
+        memory, retired = self._recalled(frame)
         shared = overlaps(memory, labels)
         merges, splits, heirs = self._relations(shared)
         held, waiting, lineage = labels.copy(), {}, []
@@ -101,8 +102,7 @@ class RoomTracker:
                     ids[part] = old
         for new in range(1, len(ids)):
             if ids[new] == 0 and shared[:, new].any():
-                ids[new] = self._next_id
-                self._next_id += 1
+                ids[new] = self._revived(labels == new, retired, set(ids.tolist()))
                 fresh.append(new)
         held = ids[labels]
         for new, others in merges:
@@ -111,6 +111,8 @@ class RoomTracker:
                 held = _held_apart(held, labels == new, memory, [int(ids[new]), *young])
             gone = [f"R{o}" for o in others if o not in young]
             if gone:
+                absorbed = np.isin(memory, [o for o in others if o not in young])
+                retired[absorbed] = memory[absorbed]
                 lineage.append(f"{', '.join(gone)} merged into R{ids[new]}")
         for old, parts in splits:
             names = [f"R{ids[p]}" for p in parts if ids[p] != old]
@@ -119,20 +121,32 @@ class RoomTracker:
         born = [n for n in fresh if not any(n in parts for _, parts in splits)]
         lineage += [f"R{ids[n]} found" for n in born]
         self._waiting = waiting
+        self._retired = retired
         self._frame, self._memory = frame, np.where(held > 0, held, memory).astype(np.int32)
         return Tracked(held.astype(np.int32), tuple(lineage))
 
-    def _recalled(self, frame: GridFrame) -> Labels:
-        """The memory on the grid of now; the first time, the restored rooms."""
+    def _revived(self, part: NDArray[np.bool_], retired: Labels, taken: set[int]) -> int:
+        """The id for a new room: that of a room that stood here before it was merged into another, else a new one."""
+        here = np.bincount(retired[part])
+        here[:1] = 0
+        best = int(here.argmax()) if here.any() else 0
+        if best and best not in taken and 2 * here[best] > max(int(part.sum()), int((retired == best).sum())):
+            retired[retired == best] = 0
+            return best
+        self._next_id += 1
+        return self._next_id - 1
+
+    def _recalled(self, frame: GridFrame) -> tuple[Labels, Labels]:
+        """The memory of rooms and of merged rooms on the grid of now; the first time, the restored rooms."""
+        memory, retired = np.zeros((2, frame.height, frame.width), np.int32)
         if self._frame is not None:
             memory = resampled(self._memory, self._frame, frame)
-        else:
-            memory = np.zeros((frame.height, frame.width), np.int32)
+            retired = resampled(self._retired, self._frame, frame)
         restored, self._restored = self._restored, ()
         for number, footprint in sorted(restored, key=lambda r: -r[1].area_m2):
             corners = (footprint.polygon_xy - np.array(frame.origin_xy_m)) / frame.resolution_m - 0.5
             cv2.fillPoly(memory, [np.rint(corners).astype(np.int32)], int(number))
-        return memory
+        return memory, retired
 
     def _relations(
         self, shared: NDArray[np.int64]

@@ -1,0 +1,38 @@
+"""What can be set about finding rooms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from irsd.core.settings import setting
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentSettings:
+    """How space is cut into rooms. All lengths are physical and hold for any building."""
+
+    min_room_m2: float = setting(1.5, "a smaller piece is part of its neighbour, not a room", lo=0.1, hi=20.0)
+    opening_max_m: float = setting(4.5, "the widest opening that may separate two rooms", lo=0.5, hi=12.0)
+    wall_gap_max_m: float = setting(
+        7.5, "the widest gap in the line of one wall that may separate two rooms", lo=0.5, hi=20.0
+    )
+    opening_min_m: float = setting(0.4, "a narrower gap is no passage", lo=0.1, hi=1.0)
+    constriction: float = setting(
+        0.75, "an opening separates when its width is below this part of the space behind it", lo=0.1, hi=1.0
+    )
+    doorway: float = setting(
+        0.45, "an opening below this part of the space behind it is a doorway beyond doubt", lo=0.05, hi=1.0
+    )
+    open_rim: float = setting(0.4, "a piece with more of its rim open to others is part of one of them", lo=0.1, hi=1.0)
+    hall_m2: float = setting(20.0, "a piece of this size is a room or a hall, however open its rim", lo=1.0, hi=1000.0)
+    furniture_m: float = setting(1.0, "a free-standing thing up to this long is furniture, not a wall", lo=0.0, hi=3.0)
+    post_gap_m: float = setting(
+        0.6, "posts this near, with something at robot height between, are one wall", lo=0.0, hi=2.0
+    )
+    wall_support: float = setting(
+        0.4, "part of a room's rim that must stand on walls; less is the edge of what was seen", lo=0.0, hi=1.0
+    )
+    simplify_m: float = setting(
+        0.15, "outlines may deviate by this much before corners are looked for", lo=0.05, hi=0.5
+    )
+    wall_reach_m: float = setting(0.15, "footprints grow by up to this much to reach the wall's face", lo=0.0, hi=0.5)
