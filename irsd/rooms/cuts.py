@@ -302,6 +302,8 @@ def find_cuts(dist: NDArray[np.float32], corners: Corners, reach: Reach, lintel:
     size = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     ends = ends[size >= 1]
     ends = ends[_tautness(ends, dist, reach.taut) >= _TAUT]
+    if not len(ends):
+        return Cuts(ends, np.zeros(0), np.zeros(0))
     width = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 1.0  # from wall to wall: half a cell more at both ends
     ratio = _ratio(ends, width, dist, reach.depths)
     ratio = np.where(in_wall_line(ends, corners, reach.jamb), ratio * _IN_WALL_LINE, ratio)
@@ -343,9 +345,12 @@ def joined(rounds: Sequence[Cuts]) -> Cuts:
 
 
 def drawn(cuts: Cuts, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """bool [H, W]: the cells that the cuts run through, each line unbroken for 4-connected space."""
+    """bool [H, W]: the cells that the cuts run through, each line unbroken for 4-connected space and a cell into the walls."""
     canvas = np.zeros(shape, np.uint8)
-    for ends in cuts.ends:
+    step = cuts.ends[:, 1] - cuts.ends[:, 0]
+    beyond = step / np.maximum(np.linalg.norm(step, axis=1), 1e-9)[:, None]
+    longer = np.stack([cuts.ends[:, 0] - beyond, cuts.ends[:, 1] + beyond], axis=1)
+    for ends in longer:
         (x0, y0), (x1, y1) = np.rint(ends).astype(int).tolist()
         cv2.line(canvas, (x0, y0), (x1, y1), 1, 1, cv2.LINE_8)
     return canvas > 0

@@ -45,7 +45,7 @@ def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32],
     """Cut space along the cuts. Returns labels int32 [H, W] (0 = wall or cut) and borders int64 [B, 4]:
     (piece, piece, index of the cut, cells of it between the two), first piece < second."""
     canvas = (space & ~cutting.drawn(cuts, space.shape)).astype(np.uint8)
-    pieces = np.asarray(cv2.connectedComponents(canvas, connectivity=4)[1], np.int32)
+    pieces = _in_reading_order(np.asarray(cv2.connectedComponents(canvas, connectivity=4)[1], np.int32))
     if not len(cuts.ends):
         return pieces, np.zeros((0, 4), np.int64)
     size = np.linalg.norm(cuts.ends[:, 1] - cuts.ends[:, 0], axis=1)
@@ -65,6 +65,17 @@ def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32],
     rows = np.stack([low[real], high[real], which[real]], axis=1).astype(np.int64)
     unique, counts = np.unique(rows, axis=0, return_counts=True)
     return pieces, np.column_stack([unique, counts]).astype(np.int64).reshape(-1, 4)
+
+
+def _in_reading_order(labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Labels [H, W] numbered by their first cell in row order, 0 stays: OpenCV's numbers depend on where blocks of cells fall."""
+    flat = labels.ravel()
+    first = np.zeros(int(flat.max(initial=0)) + 1, np.int64)
+    first[flat[::-1]] = np.arange(len(flat))[::-1]  # of equal indices the last assignment stays
+    first[0] = -1
+    number = np.empty(len(first), np.int32)
+    number[np.argsort(first, kind="stable")] = np.arange(len(first))
+    return np.asarray(number[labels])
 
 
 def merge_pieces(

@@ -47,6 +47,8 @@ def segment_evidence(
     """Rooms of the map as seen from above. before: openings found earlier; a cut at the same place is given some advantage, so
     that evidence that wavers about a threshold does not make rooms come and go."""
     heights = (evidence.floor_z_m, evidence.ceiling_z_m)
+    if not evidence.free.any():  # OpenCV does not survive grids without cells
+        return RoomSegmentation(evidence.frame, np.zeros(evidence.free.shape, np.int32), (), ())
     wall = solid_walls(evidence.wall, evidence.low, settings, evidence.frame.resolution_m)
     plan = Plan(evidence.free & ~evidence.wall, wall, evidence.lintel)
     return segment(evidence.frame, plan, settings, heights, before)
@@ -125,6 +127,8 @@ def _footprints(
     labels: NDArray[np.int32], frame: GridFrame, settings: SegmentSettings, heights: tuple[float, float | None]
 ) -> tuple[tuple[int, ...], tuple[RoomFootprint, ...]]:
     """Rooms drawn out to the walls around them."""
+    if not labels.any():
+        return (), ()
     resolution = frame.resolution_m
     grown = _filled(labels, np.ones(labels.shape, bool), settings.wall_reach_m / resolution)
     cells = np.bincount(grown.ravel())

@@ -81,6 +81,8 @@ class RoomTracker:
 
     def update(self, labels: Labels, frame: GridFrame) -> Tracked:
         """Labels [H, W] of one segmentation (0 = none, 1.. = rooms) as labels of ids, held back where change is too young."""
+        if not labels.size:
+            return Tracked(labels, ())
         memory, retired = self._recalled(frame)
         shared = overlaps(memory, labels)
         merges, splits, heirs = self._relations(shared)

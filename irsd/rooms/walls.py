@@ -132,7 +132,8 @@ def _one_wall(walls: Walls, settings: WallSettings) -> NDArray[np.int64]:
     reach = half[:, None] * np.abs(c2)
     low = np.maximum(at - reach, (walls.span[:, 0] - settings.gap_m / 2)[None, :])
     high = np.minimum(at + reach, (walls.span[:, 1] + settings.gap_m / 2)[None, :])
-    shorter = np.maximum(2 * np.minimum(half[:, None], half[None, :]), settings.thickness_m)
+    # Pieces that continue each other share little; an overlap of part of the allowed gap joins them as well.
+    shorter = np.clip(2 * np.minimum(half[:, None], half[None, :]), settings.thickness_m, settings.gap_m)
     c1 = np.clip(high - low, 0.0, None) / shorter
     off = np.abs(centre @ walls.normal.T - walls.offset[None, :])
     near = (off <= settings.thickness_m) & (half[:, None] <= half[None, :])
