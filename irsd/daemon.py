@@ -94,11 +94,12 @@ class Daemon:
         self._status_seq = 0
 
     def start(self) -> None:
-        """Starts the threads and publishes a first status."""
+        """Starts the threads, publishes a first status, and shows the alive token."""
         for worker in self._workers:
             self._beats.beat(worker.name)
             worker.start()
         self._tell_status()
+        self._publisher.announce()
 
     def main_loop(self) -> None:
         """Until asked to stop: status, and the watchdog for as long as every thread makes progress."""

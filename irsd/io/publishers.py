@@ -31,7 +31,7 @@ class GraphPublisher:
     """Tells the network of the graph. One thread calls ``publish``, one ``publish_status``; the session's pool answers.
 
     arrays(instance id), grid(): fetch from the pipeline in a way that is safe from any thread; may raise IrsdError.
-    The alive token appears last, when everything it promises is answered.
+    ``announce`` comes last, when everything that the alive token promises is answered.
     """
 
     def __init__(
@@ -59,7 +59,10 @@ class GraphPublisher:
             (keys.status, self._answer_status),
         )
         self._handles: list[Handle] = [self._deltas, *(session.queryable(key, answer) for key, answer in answers)]
-        self._handles.append(session.announce(keys.alive))
+
+    def announce(self) -> None:
+        """Shows the alive token: from now on everything is answered."""
+        self._handles.append(self._session.announce(self._keys.alive))
 
     def publish(self, delta: GraphDelta, snapshot: GraphSnapshot) -> None:
         """One step of the graph; snapshot: the graph after it. A delta that does not follow the last one re-sends all nodes."""
