@@ -233,11 +233,11 @@ def _ratio(ends: FloatArray, width: FloatArray, dist: NDArray[np.float32], depth
 
 
 def _typical(across: FloatArray) -> FloatArray:
-    """Upper median of each row's non-negative values, float64 [N], 0 where there are none: one ray through an open door
-    beside the cut must not make a corridor wide."""
+    """Lower quartile of each row's non-negative values, float64 [N], 0 where there are none: rays through open doors beside
+    the cut must not make a corridor wide."""
     count = (across >= 0).sum(1)
     ordered = np.sort(across, axis=1)
-    index = across.shape[1] - 1 - (count - 1) // 2
+    index = across.shape[1] - count + count // 4
     return np.where(count > 0, ordered[np.arange(len(across)), np.minimum(index, across.shape[1] - 1)], 0.0)
 
 

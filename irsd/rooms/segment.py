@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import cv2
@@ -38,7 +39,9 @@ def segment_map(
         raise ValueError(f"expected a [H, W] image and a positive resolution, got {image.shape} and {resolution_m}")
     free = image >= FREE_FROM
     frame = GridFrame((0.0, 0.0), resolution_m, *image.shape)
-    return segment(frame, Plan(free, ~free, None), settings or SegmentSettings(), (0.0, None))
+    # What is not free in a 2D map is wall: there is nothing between the room and its face to be grown into.
+    exact = dataclasses.replace(settings or SegmentSettings(), wall_reach_m=0.0)
+    return segment(frame, Plan(free, ~free, None), exact, (0.0, None))
 
 
 def segment_evidence(
