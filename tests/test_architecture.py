@@ -65,10 +65,11 @@ GATEKEEPERS: dict[str, tuple[str, ...]] = {
     "rosbags": ("irsd.io.cdr",),
     "mcap": ("irsd.sensors.replay",),
     "open3d": ("irsd.sim.raycast",),
+    "embreex": ("irsd.sim.raycast",),
     "sqlite3": ("irsd.graph.store",),
     "networkx": ("irsd.graph.scene_graph", "nav_bridge.route"),
     "mavsdk": ("nav_bridge.sinks.mavlink",),
-    "click": ("irsd.ctl",),
+    "click": ("irsd.ctl", "nav_bridge.__main__"),
 }
 
 MAX_FILE_LINES = 400

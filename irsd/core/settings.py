@@ -1,7 +1,8 @@
 """Declaring settings with their default, range and meaning, and building them from plain mappings.
 
-A stage declares a frozen dataclass whose fields are ``setting(default, doc, ...)``; the config modules read YAML and call
-``build``. Nothing is corrected silently: every problem found is reported, each with key, value and what is allowed.
+A stage declares a frozen dataclass whose fields are ``setting(default, doc, ...)`` or, with a default factory, another such;
+the config modules read YAML and call ``build``. Nothing is corrected silently: every problem found is reported, each with key,
+value and what is allowed.
 """
 
 from __future__ import annotations
@@ -28,12 +29,6 @@ def setting(
     if isinstance(default, (list, dict, set)):
         raise TypeError("settings are immutable: give a tuple instead of a list")
     return dataclasses.field(default=default, metadata=metadata)
-
-
-def section(cls: type[T]) -> T:
-    """A field that is itself a settings dataclass with all its defaults."""
-    field: T = dataclasses.field(default_factory=cls)
-    return field
 
 
 def build(cls: type[T], values: Mapping[str, Any], *, path: str = "") -> tuple[T | None, list[str]]:

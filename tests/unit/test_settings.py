@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from irsd.core.grid import GridFrame
-from irsd.core.settings import build, section, setting
+from irsd.core.settings import build, setting
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Inner:
 
 @dataclass(frozen=True)
 class Outer:
-    inner: Inner = section(Inner)
+    inner: Inner = field(default_factory=Inner)
     count: int = setting(2, "how many", lo=1)
     words: tuple[str, ...] = setting((), "names")
     limit: float | None = setting(None, "none for no limit", lo=0)

@@ -8,7 +8,7 @@ import pytest
 
 from irsd.sim.building import Building, make_building, truth_document
 from irsd.sim.parts import box, cylinder
-from irsd.sim.raycast import RayScene
+from irsd.sim.raycast import RayScene, embreex_caster, open3d_caster
 from irsd.sim.space import ROBOT_RADIUS_M, Obstacles
 
 SEEDS = (0, 1, 2, 3, 4, 5, 6, 7)
@@ -162,3 +162,23 @@ def test_rays_against_analytic_planes() -> None:
     assert away.triangle[0] == -1
     with pytest.raises(ValueError, match="triangles"):
         RayScene(np.empty((0, 3, 3), np.float32))
+
+
+def test_both_ray_casters_agree() -> None:
+    try:
+        import open3d  # noqa: F401
+    except (ImportError, OSError) as error:
+        pytest.skip(f"Open3D can't be imported: {error}")
+    triangles = box(-2, 3, -1, 4, 0, 2.5, (0, 0, 0)).triangles().astype(np.float32)
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(500, 3)).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    origins = np.tile(np.float32([[0.5, 0.5, 5.0]]), (500, 1))
+    (ours, ours_hit), (theirs, theirs_hit) = (
+        c(triangles)(origins, directions) for c in (embreex_caster, open3d_caster)
+    )
+    hit = ours_hit >= 0
+    assert hit.any()
+    assert not hit.all()
+    assert (hit == (theirs_hit >= 0)).all()
+    np.testing.assert_allclose(ours[hit], theirs[hit], atol=1e-4)
