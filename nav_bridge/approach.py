@@ -30,13 +30,13 @@ class ApproachSettings:
         0.5, "farthest distance from the robot's centre to the target's nearest surface", lo=0.05, hi=10.0
     )
     best_m: float = setting(
-        0.42, "distance liked best; below within_m so that control error still ends within it", lo=0.0, hi=10.0
+        0.35, "distance liked best; below within_m so that control error still ends within it", lo=0.0, hi=10.0
     )
     margin_m: float = setting(
         0.03, "distances within this of within_m are used only when nothing better exists", lo=0.0, hi=1.0
     )
     comfort_m: float = setting(
-        0.40, "clearance round the robot's centre that is enough: more is not better", lo=0.0, hi=5.0
+        0.35, "clearance round the robot's centre that is enough: more is not better", lo=0.0, hi=5.0
     )
     outlier_points: int = setting(
         3, "the surface begins where this many target points are: fewer are taken for noise", lo=1, hi=50
@@ -71,7 +71,8 @@ def surface_distance(
 ) -> NDArray[np.float64]:
     """[N] plan distance of places [N, 2] to the target's points [M, 2]: the k-th nearest, so that lone noise does not count."""
     points = np.asarray(target_xy, np.float64)[:, :2]
-    k = min(outlier_points, max(1, len(points) // 10))
+    # Masks bleed over the edge of a thing: of many points, half a percent may float before the surface.
+    k = max(min(outlier_points, max(1, len(points) // 10)), len(points) // 200) if outlier_points > 1 else 1
     away, _ = cKDTree(points).query(np.asarray(xy, np.float64)[:, :2], k=[k])
     return np.asarray(away[:, -1], np.float64)
 

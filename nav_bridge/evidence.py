@@ -99,7 +99,9 @@ class Knowledge:
             if any(self.names.is_a(seen, sense) for sense in senses):
                 return 0.85
             return self._by_cosine(self.names.canonical(wanted), seen, self._settings.match_cosine)
-        if seen.endswith(f" {wanted}"):  # "tv cabinet" is called a cabinet, whatever the table files it under
+        # "tv cabinet" is called a cabinet, whatever the table files it under; so is a "tv stand", its other name.
+        other_name = " ".join([*seen.split()[:-1], wanted])
+        if seen.endswith(f" {wanted}") or (" " in other_name and meant[0] in self.names.senses(other_name)):
             return 0.8
         # Both are known and differ: only things of one kind may still pass for each other, and only if they are very close.
         parents = [set(self.names.ancestors(s)[:1]) for s in (senses[0], meant[0])]

@@ -206,7 +206,8 @@ def _in_unknown_room(cases: list[_Case], wanted: str, graph: GraphSnapshot, know
             if case.node.room not in untyped:
                 case.rejected = f"is in a room known to be no {wanted}"
     left = [case for case in cases if not case.rejected]
-    certain = len(left) == 1 and belongs[cases.index(left[0])] is True and left[0].node.room in untyped
+    # The only one there is, and it belongs there: the room is merely not recognised.
+    certain = len(left) == 1 and belongs[cases.index(left[0])] is True
     return "" if certain else f"no {wanted} is known here"
 
 
