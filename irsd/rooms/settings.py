@@ -18,7 +18,7 @@ class SegmentSettings:
     )
     opening_min_m: float = setting(0.4, "a narrower gap is no passage", lo=0.1, hi=1.0)
     constriction: float = setting(
-        0.7, "an opening separates when its width is below this part of the space behind it", lo=0.1, hi=1.0
+        0.75, "an opening separates when its width is below this part of the space behind it", lo=0.1, hi=1.0
     )
     doorway: float = setting(
         0.45, "an opening below this part of the space behind it is a doorway beyond doubt", lo=0.05, hi=1.0

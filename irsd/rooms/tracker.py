@@ -1,8 +1,8 @@
 """Who is who: rooms of one instant matched to the rooms known before, so that ids stay while the map grows.
 
 An id goes to the new room that holds most of the old one's floor. When a room splits, the larger part keeps the id; when rooms
-merge, the oldest keeps it. A split or a merge is believed only after it was seen ``patience`` times in a row: until then the
-old partition is held. Owner: ``RoomTracker`` is the single writer of its memory.
+merge, the oldest keeps it. A split or a merge is believed only after it was seen several times in a row: until then the old
+partition is held. Owner: ``RoomTracker`` is the single writer of its memory.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ Labels = NDArray[np.int32]
 class TrackSettings:
     """How slowly rooms change their identity."""
 
-    patience: int = setting(
-        3, "a split or merge is adopted after it was found in this many updates in a row", lo=1, hi=100
+    patience: int = setting(3, "a split is adopted after it was found in this many updates in a row", lo=1, hi=100)
+    merge_patience: int = setting(
+        10, "a merge is adopted after this many: a cut once seen needs more to vanish", lo=1, hi=1000
     )
     overlap: float = setting(
         0.3, "part of a room (the smaller of old and new) that must be shared to be the same room", lo=0.05, hi=0.95
@@ -94,7 +95,7 @@ class RoomTracker:
             for other in others:
                 key = ("merge", int(ids[new]), other)
                 waiting[key] = self._waiting.get(key, 0) + 1
-        believed = {key for key, seen in waiting.items() if seen >= self._settings.patience}
+        believed = {key for key, seen in waiting.items() if seen >= self._settings.merge_patience}
         fresh: list[int] = []
         for old, parts in splits:
             for part in parts:
