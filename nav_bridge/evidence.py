@@ -48,7 +48,7 @@ _BOUND = frozenset(
     }
 )  # fmt: skip
 _BY_HEIGHT: Mapping[str, bool] = MappingProxyType({"standing": True, "wall-mounted": False})
-UNTOLD = 0.55  # weight of an attribute that nothing is known about
+UNTOLD = 0.5  # weight of an attribute that nothing is known about
 MATCH = 0.6  # grade from which a name counts as said
 MAYBE = 0.3  # grade from which it counts as perhaps meant
 
@@ -147,7 +147,7 @@ class Knowledge:
         return float(va @ vb) >= self._settings.maybe_cosine
 
     def attribute_score(self, wanted: Sequence[tuple[str, str]], node: InstanceNode, floor_z_m: float) -> float:
-        """How far an instance has the attributes: 1 named so by its labels (or seen so), 0.55 nothing known, 0.1 named otherwise."""
+        """How far an instance has the attributes: 1 named so by its labels (or seen so), 0.5 nothing known, 0.1 named otherwise."""
         score = 1.0
         told = (
             [ATTRIBUTES[t] for name, _ in node.labels for t in fold(name).split() if t in ATTRIBUTES] if wanted else []

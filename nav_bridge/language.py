@@ -336,7 +336,7 @@ def _place(spec: GoalSpec, segments: Sequence[Segment], language: str, names: Na
             relations.append(placed)
         elif (
             kind in ("in", "on", "at", "of", "with")
-            and names.known_room(" ".join(bare))
+            and (names.known_room(" ".join(bare)) or _is_room_id(bare))
             and not _thing_first(kind, bare, names)
         ):
             if negated:
@@ -346,6 +346,11 @@ def _place(spec: GoalSpec, segments: Sequence[Segment], language: str, names: Na
         elif bare and not set(bare) <= w.PRONOUNS:
             relations.append(_relation(kind, bare, negated, language, names))
     return replace(spec, room=room, not_rooms=tuple(not_rooms), relations=tuple(relations), choice=choice)
+
+
+def _is_room_id(bare: Sequence[str]) -> bool:
+    """Whether the words are an id of the graph, such as R3."""
+    return len(bare) == 1 and bare[0][:1] == "r" and bare[0][1:].isdigit()
 
 
 def _thing_first(kind: str, bare: list[str], names: Names) -> bool:

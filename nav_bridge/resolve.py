@@ -141,10 +141,10 @@ def _named(spec: GoalSpec, graph: GraphSnapshot, knowledge: Knowledge, settings:
             continue
         # A purpose names several things, best first.
         scores = [knowledge.label_score(p, node) * max(0.4, 1.0 - 0.12 * k) for k, p in enumerate(spec.things)]
-        label = max(scores)
+        label = 1.0 if spec.things[0].name == node.id.casefold() else max(scores)
         if label < settings.maybe_label:
             continue
-        phrase = spec.things[scores.index(label)]
+        phrase = spec.things[scores.index(max(scores))]
         attribute = knowledge.attribute_score(phrase.attributes, node, floors.get(node.room or "", 0.0))
         sure = node.existence * node.observations / (node.observations + 1.0)
         case = _Case(node, box_of(node), label, label * attribute * sure)

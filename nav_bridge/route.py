@@ -200,7 +200,10 @@ def line_cells(frame: GridFrame, a_xy: NDArray[np.floating], b_xy: NDArray[np.fl
 
 
 def _line_clearance(costs: CostMap, a_xy: NDArray[np.floating], b_xy: NDArray[np.floating]) -> float:
-    cells = line_cells(costs.frame, a_xy, b_xy)
+    """Least clearance along a segment and a fifth of a cell to its sides: a line that grazes a corner must not depend on rounding."""
+    ahead = np.asarray(b_xy, np.float64)[:2] - np.asarray(a_xy, np.float64)[:2]
+    aside = np.array([-ahead[1], ahead[0]]) * (0.2 * costs.frame.resolution_m / max(float(np.hypot(*ahead)), 1e-9))
+    cells = np.vstack([line_cells(costs.frame, a_xy + shift, b_xy + shift) for shift in (0 * aside, aside, -aside)])
     return float(costs.clear_m[cells[:, 0], cells[:, 1]].min()) if len(cells) else 0.0
 
 

@@ -40,7 +40,7 @@ COMMANDS = _phrases(
         "i am looking for | we need | please | robot | hey robot | can you | could you | would you | will you | can you please | could you please | "
         "approach | visit | reach | stop at | park at | park next to | stand at | stand in front of | stand next to | stand by | position yourself at | is there | "
         "are there | do we have | let s go to | now | then | ok | okay | hey | send the robot to | send it to | let the robot go to",
-        "de": "geh | gehe | geh zu | gehe zu | geh zum | gehe zum | geh zur | gehe zur | fahr | fahre | fahr zu | fahr zum | fahr zur | fahre zu | fahre zum | "
+        "de": "zu | zum | zur | nach | geh | gehe | geh zu | gehe zu | geh zum | gehe zum | geh zur | gehe zur | fahr | fahre | fahr zu | fahr zum | fahr zur | fahre zu | fahre zum | "
         "fahre zur | finde | such | suche | zeig mir | zeige mir | wo ist | wo sind | wo steht | wo hangt | bring mich zu | bring mich zum | bring mich zur | "
         "bringe mich zum | bringe mich zur | ich suche | ich brauche | bitte | navigiere zu | navigiere zum | navigiere zur",
         "fr": "va | va a | va au | va vers | aller a | aller au | allez a | allez au | trouve | trouver | cherche | ou est | ou se trouve | ou sont | "

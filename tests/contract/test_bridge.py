@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import navigation_house as house
@@ -51,7 +50,12 @@ class StandIn:
         session.queryable(KEYS.points("*"), self._points)
 
     def _map(self, query: Query) -> None:
-        header = {"resolution_m": house.FRAME.resolution_m, "origin_xy_m": house.FRAME.origin_xy_m, "frame": "map", "seq": 1}
+        header = {
+            "resolution_m": house.FRAME.resolution_m,
+            "origin_xy_m": house.FRAME.origin_xy_m,
+            "frame": "map",
+            "seq": 1,
+        }
         query.reply(
             KEYS.occupancy, occupancy_to_png(house.occupancy()), encoding=PNG, attachment=json.dumps(header).encode()
         )
@@ -178,7 +182,11 @@ def test_a_goal_is_driven_to_its_end(world: StandIn) -> None:
     assert states[-1]["distance_m"] == pytest.approx(truth, abs=0.06)
     assert states[-1]["text"] == f"Reached: {states[-1]['distance_m']:.2f} m from I12 television in R2 kitchen"
     last = answer["waypoints"][-1]
-    for ring, type_name in ((goal_poses, "geometry_msgs/msg/PoseStamped"), (own, "nav_msgs/msg/Path"), (plans, "nav_msgs/msg/Path")):
+    for ring, type_name in (
+        (goal_poses, "geometry_msgs/msg/PoseStamped"),
+        (own, "nav_msgs/msg/Path"),
+        (plans, "nav_msgs/msg/Path"),
+    ):
         sample = ring.get(PATIENCE_S)
         assert sample is not None
         message = read(sample.payload, type_name)

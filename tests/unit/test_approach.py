@@ -1,0 +1,96 @@
+"""Where to stand: free, reachable, in sight, facing the target and near enough, or an honest refusal."""
+
+from __future__ import annotations
+
+import math
+
+import navigation_house as house
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nav_bridge.approach import ApproachPose, ApproachSettings, Unreachable, find_approach, in_polygon, surface_distance
+from nav_bridge.route import RouteSettings, connected_to, make_cost_map, snap_to_passable
+
+ROUTE = RouteSettings()
+COSTS = make_cost_map(house.FRAME, house.occupancy(), ROUTE)
+SETTINGS = ApproachSettings()
+HERE = (2.5, 3.0)
+
+
+def approach(name: str, **more: float) -> ApproachPose | Unreachable:
+    thing = next(t for t in house.THINGS if t.id == name)
+    outline = next(r.polygon_xy for r in house.GRAPH.rooms if r.id == thing.room)
+    return find_approach(COSTS, house.points_of(name), HERE, ApproachSettings(**more), room_xy=outline)
+
+
+@pytest.mark.parametrize("name", [t.id for t in house.THINGS])
+def test_pose_before_every_thing(name: str) -> None:
+    pose = approach(name)
+    points = house.points_of(name)[:, :2].astype(float)
+    start = snap_to_passable(COSTS, HERE, 0.5)
+    assert start is not None
+    standing = COSTS.frame.centres_of(np.argwhere(connected_to(COSTS, start)))
+    possible = surface_distance(points, standing, SETTINGS.outlier_points).min()
+    if isinstance(pose, Unreachable):
+        assert possible > 0.5
+        assert pose.best_m == pytest.approx(possible)
+        return
+    cell = COSTS.frame.cells_of(np.array([[pose.x_m, pose.y_m]]))[0]
+    away = points - [pose.x_m, pose.y_m]
+    nearest = float(np.hypot(*away.T).min())
+    assert COSTS.passable[tuple(cell)]
+    assert nearest - 1e-6 <= pose.distance_m <= 0.5
+    assert pose.clearance_m >= ROUTE.robot_radius_m + ROUTE.clearance_m - 1e-6
+    bearing = np.arctan2(away[:, 1], away[:, 0])
+    assert np.abs(np.angle(np.exp(1j * (bearing - pose.yaw_rad)))).min() < 0.2
+    thing = next(t for t in house.THINGS if t.id == name)
+    outline = next(r.polygon_xy for r in house.GRAPH.rooms if r.id == thing.room)
+    assert in_polygon(np.array([[pose.x_m, pose.y_m]]), outline)[0]
+
+
+def test_a_thin_wall_is_no_way_round() -> None:
+    """The television hangs on the wall between the rooms; the robot starts in the other room."""
+    outline = house.GRAPH.rooms[0].polygon_xy
+    pose = find_approach(COSTS, house.points_of("I2"), (7.0, 3.0), SETTINGS, room_xy=outline)
+    assert isinstance(pose, ApproachPose)
+    assert pose.x_m < 4.8
+    blind = find_approach(COSTS, house.points_of("I2"), (7.0, 3.0), SETTINGS)
+    assert isinstance(blind, ApproachPose)
+    assert blind.x_m < 4.8  # line of sight alone says so too
+
+
+def test_what_is_out_of_reach_is_refused_with_the_best_distance() -> None:
+    far = approach("I13")  # a cup in the middle of a table
+    near = approach("I13", within_m=1.5)
+    assert isinstance(near, ApproachPose)
+    if isinstance(far, Unreachable):
+        assert far.best_m is not None
+        assert 0.5 < far.best_m <= near.distance_m + 1e-9
+    nothing = find_approach(COSTS, np.zeros((0, 3)), HERE, SETTINGS)
+    assert isinstance(nothing, Unreachable)
+    lost = find_approach(COSTS, house.points_of("I1"), (-30.0, 0.0), SETTINGS)
+    assert lost == Unreachable("the robot stands where the map has no free space", None)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.3, 9.7), st.floats(0.3, 5.7), st.floats(0.0, 2 * math.pi))
+def test_any_pole_is_approached_safely(x: float, y: float, turn: float) -> None:
+    ring = np.linspace(0, 2 * math.pi, 24) + turn
+    pole = np.stack([x + 0.05 * np.cos(ring), y + 0.05 * np.sin(ring), np.full(24, 1.0)], 1)
+    pose = find_approach(COSTS, pole, HERE, SETTINGS)
+    if isinstance(pose, Unreachable):
+        assert pose.best_m is None or pose.best_m > 0.5
+        return
+    cell = COSTS.frame.cells_of(np.array([[pose.x_m, pose.y_m]]))[0]
+    assert COSTS.passable[tuple(cell)]
+    assert np.hypot(*(pole[:, :2] - [pose.x_m, pose.y_m]).T).min() <= 0.5
+
+
+def test_lone_points_do_not_count_as_surface() -> None:
+    box = house.surface((0, 0, 0), (1, 1, 1))
+    stray = np.vstack([box, [[3.0, 0.5, 0.5], [3.0, 0.5, 0.6]]]).astype(np.float32)
+    at = np.array([[3.4, 0.5]])
+    assert surface_distance(stray, at)[0] == pytest.approx(0.4, abs=1e-6)
+    assert surface_distance(stray, at, 3)[0] == pytest.approx(2.4, abs=0.06)

@@ -1,0 +1,147 @@
+"""Routes: optimal against Dijkstra, free of obstacles, from where the robot is to exactly where it shall stand."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from irsd.core.grid import GridFrame
+from nav_bridge.route import (
+    CostMap,
+    RouteSettings,
+    connected_to,
+    find_path,
+    line_cells,
+    make_cost_map,
+    path_cost,
+    plan_route,
+    resample,
+    snap_to_passable,
+)
+
+SETTINGS = RouteSettings(robot_radius_m=0.1, clearance_m=0.0, comfort_m=0.2, spacing_m=0.5)
+grids = st.integers(0, 2**32 - 1).map(lambda seed: random_grid(np.random.default_rng(seed)))
+
+
+def random_grid(rng: np.random.Generator) -> NDArray[np.int8]:
+    cells = np.zeros((int(rng.integers(6, 24)), int(rng.integers(6, 24))), np.int8)
+    cells[rng.random(cells.shape) < rng.choice([0.02, 0.08, 0.2])] = 100
+    cells[rng.random(cells.shape) < 0.03] = -1
+    return cells
+
+
+def costs_of(cells: NDArray[np.int8], options: RouteSettings = SETTINGS) -> CostMap:
+    return make_cost_map(GridFrame((-1.0, 2.0), 0.1, *cells.shape), cells, options)
+
+
+def dijkstra(costs: CostMap, start: tuple[int, int]) -> dict[tuple[int, int], float]:
+    """The plain algorithm over all cells, as an oracle."""
+    ok, price = costs.passable, costs.cost.astype(float)
+    best, queue = {start: 0.0}, [(0.0, start)]
+    while queue:
+        so_far, (r, c) = heapq.heappop(queue)
+        if so_far > best[(r, c)]:
+            continue
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                there = (r + dr, c + dc)
+                if (dr, dc) == (0, 0) or not (0 <= there[0] < ok.shape[0] and 0 <= there[1] < ok.shape[1]):
+                    continue
+                if not (ok[there] and ok[r + dr, c] and ok[r, c + dc]):
+                    continue
+                total = so_far + math.hypot(dr, dc) * 0.5 * (price[r, c] + price[there])
+                if total < best.get(there, math.inf) - 1e-12:
+                    best[there] = total
+                    heapq.heappush(queue, (total, there))
+    return best
+
+
+@settings(max_examples=60, deadline=None)
+@given(grids, st.integers(0, 10**6), st.integers(0, 10**6))
+def test_path_is_as_cheap_as_dijkstras(cells: NDArray[np.int8], a: int, b: int) -> None:
+    costs = costs_of(cells)
+    free = np.argwhere(costs.passable)
+    if not len(free):
+        return
+    start, goal = (tuple(int(v) for v in free[k % len(free)]) for k in (a, b))
+    path, oracle = find_path(costs, start, goal), dijkstra(costs, start)  # type: ignore[arg-type]
+    assert (path is None) == (goal not in oracle)
+    assert bool(connected_to(costs, start)[goal]) == (goal in oracle)  # type: ignore[arg-type, index]
+    if path is None:
+        return
+    assert tuple(path[0]) == start
+    assert tuple(path[-1]) == goal
+    assert costs.passable[path[:, 0], path[:, 1]].all()
+    assert (np.abs(np.diff(path, axis=0)).max(initial=0)) <= 1
+    assert path_cost(costs, path) == pytest.approx(oracle[goal], rel=1e-5)  # type: ignore[index]
+
+
+@settings(max_examples=60, deadline=None)
+@given(grids, st.integers(0, 10**6), st.integers(0, 10**6))
+def test_waypoints_are_free_and_end_where_they_shall(cells: NDArray[np.int8], a: int, b: int) -> None:
+    costs = costs_of(cells)
+    free = np.argwhere(costs.passable)
+    if not len(free):
+        return
+    start_xy, goal_xy = (costs.frame.centres_of(free[k % len(free)][None])[0] for k in (a, b))
+    route = plan_route(costs, (*start_xy, 0.3), (*goal_xy, 1.2), SETTINGS)
+    if route is None:
+        return
+    points = np.array(route.waypoints)
+    assert points[0, :2] == pytest.approx(start_xy, abs=1e-4)
+    assert points[-1] == pytest.approx([*goal_xy, 1.2], abs=1e-4)
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    assert (steps <= SETTINGS.spacing_m + 1e-6).all()
+    assert route.length_m == pytest.approx(steps.sum(), abs=1e-2)
+    for p, q in itertools.pairwise(points):
+        on = line_cells(costs.frame, p[:2], q[:2])
+        assert not costs.blocked[on[:, 0], on[:, 1]].any()
+
+
+def test_clearance_is_preferred_where_there_is_room() -> None:
+    cells = np.zeros((41, 81), np.int8)
+    cells[[0, -1]] = cells[:, 0] = cells[:, -1] = 100
+    cells[20, 30:50] = 100  # a bar in the middle: pass it, but not along it
+    options = RouteSettings(robot_radius_m=0.2, clearance_m=0.0, comfort_m=0.4)
+    costs = costs_of(cells, options)
+    a, b = costs.frame.centres_of(np.array([[18, 10], [18, 70]]))
+    route = plan_route(costs, (*a, 0.0), (*b, 0.0), options)
+    assert route is not None
+    assert route.clearance_m >= 0.4
+    assert route.length_m <= 1.15 * math.dist(a, b)
+
+
+def test_walls_part_and_unknown_is_a_policy() -> None:
+    cells = np.zeros((20, 30), np.int8)
+    cells[:, 15] = -1
+    for unknown, found in (("avoid", False), ("allow", True)):
+        options = RouteSettings(robot_radius_m=0.1, clearance_m=0.0, unknown=unknown)
+        costs = costs_of(cells, options)
+        a, b = costs.frame.centres_of(np.array([[10, 5], [10, 25]]))
+        assert (plan_route(costs, (*a, 0.0), (*b, 0.0), options) is not None) is found
+
+
+def test_a_robot_too_close_to_something_first_gets_clear() -> None:
+    cells = np.zeros((20, 30), np.int8)
+    cells[[0, -1]] = cells[:, 0] = cells[:, -1] = 100
+    costs = costs_of(cells)
+    here, there = costs.frame.centres_of(np.array([[1, 1], [10, 20]]))
+    route = plan_route(costs, (*here, 0.0), (*there, 0.0), SETTINGS)
+    assert route is not None
+    assert route.waypoints[0][:2] == pytest.approx(tuple(here))
+    assert snap_to_passable(costs, (50.0, 50.0), 1.0) is None
+
+
+def test_empty_ends() -> None:
+    assert not make_cost_map(GridFrame((0.0, 0.0), 0.1, 0, 0), np.zeros((0, 0), np.int8), SETTINGS).passable.any()
+    with pytest.raises(ValueError, match="frame says"):
+        make_cost_map(GridFrame((0.0, 0.0), 0.1, 2, 2), np.zeros((3, 2), np.int8), SETTINGS)
+    assert resample(np.zeros((1, 2)), 0.5).shape == (1, 2)
+    assert resample(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.3)[:, 0].tolist() == pytest.approx([0, 0.25, 0.5, 0.75, 1.0])
