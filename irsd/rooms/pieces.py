@@ -88,67 +88,93 @@ def merge_pieces(
 ) -> NDArray[np.int32]:
     """Room number of every piece, int32 [pieces + 1], 0 = none; numbered by their first piece.
 
-    A border is as weak as its widest cut: the lesser of the cut's own ratio and of its width / the diameter of the largest disc
-    that fits in the smaller piece. The weakest border goes first, while it is above ``constriction``; then pieces that are too
-    small for a room go to the neighbour they are most open to.
+    The weakest border goes first, while it is above ``constriction``; then pieces that are too small for a room go to the
+    neighbour they are most open to.
     """
-    count = int(pieces.max(initial=0))
-    flat = pieces.ravel()
-    area = np.bincount(flat, minlength=count + 1) * resolution_m**2
-    disc = np.zeros(count + 1)
-    np.maximum.at(disc, flat, 2.0 * dist.ravel())
-    rim = np.bincount(pieces[(pieces > 0) & (dist < 1.5)], minlength=count + 1).astype(float)
-    parent = list(range(count + 1))
-    borders = borders[borders[:, 3] >= 2]
-    near: list[dict[int, tuple[float, float]]] = [{} for _ in range(count + 1)]
-    for a, b, cut, cells in borders.tolist():
-        ratio, width = near[a].get(b, (0.0, 0.0))
-        near[a][b] = near[b][a] = (
-            max(ratio, float(cuts.ratio[cut])),
-            max(width, min(cells + 1.0, float(cuts.width[cut]))),
-        )
-
-    def weakness(a: int, b: int) -> float:
-        ratio, width = near[a][b]
-        return min(ratio, width / max(float(min(disc[a], disc[b])), 1e-9))
-
-    def urge(a: int) -> tuple[float, int]:
-        """The weakest border of a piece and whom it leads to; a piece that is mostly open wants to join, whatever the border."""
-        weakest, b = max((weakness(a, b), -b) for b in near[a])
-        total = sum(width for _, width in near[a].values())
-        opened = total / (total + rim[a]) if area[a] < settings.hall_m2 else 0.0
-        return max(weakest, settings.constriction * float(opened) / settings.open_rim), -b
-
-    def join(a: int, b: int) -> None:
-        keep, gone = min(a, b), max(a, b)
-        parent[gone] = keep
-        disc[keep], area[keep] = max(disc[keep], disc[gone]), area[keep] + area[gone]
-        rim[keep] += rim[gone]
-        for c, (ratio, width) in near[gone].items():
-            del near[c][gone]
-            if c != keep:
-                other = near[keep].get(c, (0.0, 0.0))
-                near[keep][c] = near[c][keep] = (max(ratio, other[0]), max(width, other[1]))
-        near[gone] = {}
-
-    while True:
-        urges = ((*urge(a), a) for a in range(1, count + 1) if near[a])
-        strongest, b, a = max(urges, key=lambda u: (u[0], -u[2]), default=(0.0, 0, 0))
-        if strongest <= settings.constriction:
-            break
-        join(a, b)
-    for a in sorted(range(1, count + 1), key=lambda k: (area[k], k)):
-        if parent[a] == a and area[a] < settings.min_room_m2 and near[a]:
-            join(a, max(near[a], key=lambda b: (weakness(a, b), area[b], -b)))
-    root = np.array([_root(parent, k) for k in range(count + 1)])
-    kept = (area[root] >= settings.min_room_m2) & (root > 0)
+    graph = _PieceGraph(pieces, borders, cuts, dist, settings, resolution_m)
+    graph.merge_weak()
+    graph.merge_small()
+    root = graph.roots()
+    kept = (graph.area[root] >= settings.min_room_m2) & (root > 0)
     numbers = np.unique(root[kept])
-    room_of = np.zeros(count + 1, np.int32)
+    room_of = np.zeros(len(root), np.int32)
     room_of[kept] = np.searchsorted(numbers, root[kept]) + 1
     return room_of
 
 
-def _root(parent: list[int], k: int) -> int:
-    while parent[k] != k:
-        k = parent[k]
-    return k
+class _PieceGraph:
+    """Pieces and the borders between them while they merge. Works on plain numbers: there are hundreds, not thousands.
+
+    A border is as weak as its widest cut: the lesser of the cut's own ratio and of its width / the diameter of the largest disc
+    that fits in the smaller piece.
+    """
+
+    def __init__(
+        self,
+        pieces: NDArray[np.int32],
+        borders: NDArray[np.int64],
+        cuts: Cuts,
+        dist: NDArray[np.float32],
+        settings: SegmentSettings,
+        resolution_m: float,
+    ) -> None:
+        self._settings = settings
+        self.count = int(pieces.max(initial=0))
+        flat = pieces.ravel()
+        self.area = np.bincount(flat, minlength=self.count + 1) * resolution_m**2
+        self._disc = np.zeros(self.count + 1)
+        np.maximum.at(self._disc, flat, 2.0 * dist.ravel())
+        self._rim = np.bincount(pieces[(pieces > 0) & (dist < 1.5)], minlength=self.count + 1).astype(float)
+        self._parent = list(range(self.count + 1))
+        self._near: list[dict[int, tuple[float, float]]] = [{} for _ in range(self.count + 1)]
+        for a, b, cut, cells in borders[borders[:, 3] >= 2].tolist():
+            ratio, width = self._near[a].get(b, (0.0, 0.0))
+            ratio = max(ratio, float(cuts.ratio[cut]))
+            width = max(width, min(cells + 1.0, float(cuts.width[cut])))
+            self._near[a][b] = self._near[b][a] = (ratio, width)
+
+    def merge_weak(self) -> None:
+        """Join the pieces at the weakest border until all that are left are constrictions."""
+        while True:
+            urges = ((*self._urge(a), a) for a in range(1, self.count + 1) if self._near[a])
+            strongest, b, a = max(urges, key=lambda u: (u[0], -u[2]), default=(0.0, 0, 0))
+            if strongest <= self._settings.constriction:
+                return
+            self._join(a, b)
+
+    def merge_small(self) -> None:
+        """Give pieces that are too small for a room to the neighbour they are most open to."""
+        for a in sorted(range(1, self.count + 1), key=lambda k: (self.area[k], k)):
+            if self._parent[a] == a and self.area[a] < self._settings.min_room_m2 and self._near[a]:
+                self._join(a, max(self._near[a], key=lambda b: (self._weakness(a, b), self.area[b], -b)))
+
+    def roots(self) -> NDArray[np.intp]:
+        """The piece that every piece [count + 1] has become a part of."""
+        root = np.array(self._parent, np.intp)
+        while (root[root] != root).any():
+            root = root[root]
+        return root
+
+    def _weakness(self, a: int, b: int) -> float:
+        ratio, width = self._near[a][b]
+        return min(ratio, width / max(float(min(self._disc[a], self._disc[b])), 1e-9))
+
+    def _urge(self, a: int) -> tuple[float, int]:
+        """The weakest border of a piece and whom it leads to; a piece that is mostly open wants to join, whatever the border."""
+        weakest, b = max((self._weakness(a, b), -b) for b in self._near[a])
+        total = sum(width for _, width in self._near[a].values())
+        opened = float(total / (total + self._rim[a])) if self.area[a] < self._settings.hall_m2 else 0.0
+        return max(weakest, self._settings.constriction * opened / self._settings.open_rim), -b
+
+    def _join(self, a: int, b: int) -> None:
+        keep, gone = min(a, b), max(a, b)
+        self._parent[gone] = keep
+        self._disc[keep] = max(self._disc[keep], self._disc[gone])
+        self.area[keep] += self.area[gone]
+        self._rim[keep] += self._rim[gone]
+        for c, (ratio, width) in self._near[gone].items():
+            del self._near[c][gone]
+            if c != keep:
+                other = self._near[keep].get(c, (0.0, 0.0))
+                self._near[keep][c] = self._near[c][keep] = (max(ratio, other[0]), max(width, other[1]))
+        self._near[gone] = {}
