@@ -7,6 +7,7 @@ inside the instance's mask (``hits``) and in how many of the pictures that showe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 SLOTS = 4  # instances that can claim one voxel; the weakest claim gives way to a new one
-_EMPTY = -1
+_EMPTY = np.iinfo(np.int64).min  # no packed key has this value
 _AXIS_BITS = 21
 _AXIS_OFFSET = 1 << (_AXIS_BITS - 1)
 _HASH = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio (Knuth, vol. 3, section 6.4)
@@ -156,6 +157,20 @@ class VoxelIndex:
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
+def mask_voxels(clouds: Sequence[Floats], voxel_m: float) -> tuple[Ints, Ints, Floats]:
+    """(mask number [P], voxel key [P], a point [P, 3]) of each unique pair of mask and voxel; clouds: points [n, 3] per mask."""
+    if not clouds:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
+    points = np.concatenate(clouds)
+    mask = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
+    keys = voxel_keys(points, voxel_m)
+    order = np.lexsort((keys, mask))
+    first = np.ones(len(order), np.bool_)
+    first[1:] = (np.diff(keys[order]) != 0) | (np.diff(mask[order]) != 0)
+    pick = order[first]
+    return mask[pick], keys[pick], points[pick]
+
+
 @dataclass(frozen=True, slots=True)
 class Shared:
     """What m masks share with c candidate instances. ids: int64 [c] ascending; voxels: float64 [m, c] shared voxel counts.

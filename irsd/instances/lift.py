@@ -52,7 +52,7 @@ class LiftSettings:
     keep_share: float = setting(
         0.2, "parts smaller than this share of the largest part are floating points", lo=0.0, hi=1.0
     )
-    min_cover: float = setting(0.05, "least share of a mask's pixels that its map points account for", lo=0.0, hi=1.0)
+    min_cover: float = setting(0.15, "least share of a mask's pixels that its map points account for", lo=0.0, hi=1.0)
     min_points: int = setting(3, "masks with fewer points are not lifted", lo=1, hi=1000)
 
 

@@ -15,13 +15,23 @@ import numpy as np
 
 from irsd.core.settings import setting
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, Rooms
-from irsd.instances.associate import Bools, Doubles, Floats, Ints, Shared, VoxelIndex, choose, shared_voxels, voxel_keys
+from irsd.instances.associate import (
+    Bools,
+    Doubles,
+    Floats,
+    Ints,
+    Shared,
+    VoxelIndex,
+    choose,
+    mask_voxels,
+    shared_voxels,
+    voxel_keys,
+)
 from irsd.instances.lift import LiftedMask, LiftedView, connected_parts
 from irsd.instances.record import Embed, Instance, Names
 from irsd.instances.room_prior import may_meet, room_of
 
 _LEAST_COVERED = 3  # voxels of an instance that a mask must cover to say anything about it
-_NO_ROWS = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -85,11 +95,12 @@ class InstanceMemory:
         seen = self._index.find(np.unique(voxel_keys(lifted.seen_map, self.settings.voxel_m)))
         seen = seen[seen >= 0]
         masks = [m for m in lifted.masks if len(m.points_map)]
-        mask, key, point = self._mask_voxels(masks)
+        mask, key, point = mask_voxels([m.points_map for m in masks], self.settings.voxel_m)
         rows = self._index.find(key)
         seen = np.union1d(seen, rows[rows >= 0])
         shared = shared_voxels(self._index, mask, rows, len(masks), seen, self.settings.merge_ratio)
-        meanings = [self._meaning_of(m) for m in masks]
+        vectors = [self._names.vector(m.labels[0][0]) if m.embedding is None else m.embedding for m in masks]
+        meanings = [np.asarray(vector, np.float64) for vector in vectors]
         ids = choose(
             shared,
             self._cosines(meanings, shared.ids),
@@ -101,27 +112,10 @@ class InstanceMemory:
         self._expect(seen, ids)
         self._compare(shared, ids)
         for k in np.flatnonzero(ids == 0).tolist():
-            ids[k] = self._create(view.stamp_ns)
+            ids[k] = self._create(view.stamp_ns, masks[k])
         for k, lifted_mask in enumerate(masks):
             self._add_observation(self._instances[int(ids[k])], lifted_mask, meanings[k], view.stamp_ns)
         self._add_evidence(ids[mask] if masks else mask, key, point, seen)
-
-    def _mask_voxels(self, masks: Sequence[LiftedMask]) -> tuple[Ints, Ints, Floats]:
-        """(mask number [P], voxel key [P], a point [P, 3]) of each unique pair of mask and voxel."""
-        if not masks:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
-        points = np.concatenate([m.points_map for m in masks])
-        mask = np.repeat(np.arange(len(masks)), [len(m.points_map) for m in masks])
-        keys = voxel_keys(points, self.settings.voxel_m)
-        order = np.lexsort((keys, mask))
-        first = np.ones(len(order), np.bool_)
-        first[1:] = (np.diff(keys[order]) != 0) | (np.diff(mask[order]) != 0)
-        pick = order[first]
-        return mask[pick], keys[pick], points[pick]
-
-    def _meaning_of(self, mask: LiftedMask) -> Doubles:
-        vector = self._names.vector(mask.labels[0][0]) if mask.embedding is None else mask.embedding
-        return np.asarray(vector, np.float64)
 
     def _cosines(self, meanings: Sequence[Doubles], ids: Ints) -> Doubles:
         """[m, c] cosine of masks and instances; 0 where their vectors come from different spaces."""
@@ -169,8 +163,8 @@ class InstanceMemory:
                     continue
                 self._instances[int(some[a])].compare(self._instances[int(some[b])], together, apart)
 
-    def _create(self, stamp_ns: int) -> int:
-        instance = Instance(self._next_id, stamp_ns, expected=1.0)
+    def _create(self, stamp_ns: int, mask: LiftedMask) -> int:
+        instance = Instance(self._next_id, stamp_ns, expected=1.0, room=room_of(self._rooms, mask.points_map))
         self._instances[instance.id] = instance
         self._next_id += 1
         return instance.id
@@ -249,7 +243,11 @@ class InstanceMemory:
 
     def _live_rows(self, instance: Instance) -> tuple[Ints, Ints]:
         """(rows, slots) that the instance holds now; claims that gave way are dropped from its list for good."""
-        rows = instance.rows[0] if len(instance.rows) == 1 else np.unique(np.concatenate([_NO_ROWS, *instance.rows]))
+        rows = (
+            instance.rows[0]
+            if len(instance.rows) == 1
+            else np.unique(np.concatenate([np.zeros(0, np.int64), *instance.rows]))
+        )
         slot = self._index.slot_of(rows, np.full(len(rows), instance.id, np.int64))
         if (slot < 0).any():
             rows, slot = rows[slot >= 0], slot[slot >= 0]
@@ -265,7 +263,6 @@ class InstanceMemory:
             mine = good[np.arange(len(rows)), slot]
             others, both = np.unique(owner[mine], return_counts=True)
             shared = dict(zip(others.tolist(), both.tolist(), strict=True))
-            merged = False
             for other_id in sorted((set(shared) | set(instance.beside)) - {0, instance.id}):
                 other = self._instances[other_id]
                 if self._seen_as_one(instance, other) or self._are_one(
@@ -274,26 +271,25 @@ class InstanceMemory:
                     instance = self._absorb(
                         *sorted((instance, other), key=lambda i: (not i.published, -i.observations, i.id))
                     )
-                    merged = True
                     break
-            if not merged:
+            else:
                 return
 
     def _seen_as_one(self, a: Instance, b: Instance) -> bool:
         """Masks covered both often enough, compared with how often each had its own mask in one picture."""
         together, apart = a.beside.get(b.id, (0, 0))
-        enough = together >= self.settings.min_observations
-        return enough and together >= self.settings.merge_ratio * (together + apart)
+        return together >= max(self.settings.min_observations, self.settings.merge_ratio * (together + apart))
 
     def _are_one(self, a: Instance, a_size: int, b: Instance, both: int) -> bool:
-        """The paper's two criteria on the evidence of all pictures, or the same voxels under two names."""
+        """The paper's two criteria inside a room on the evidence of all pictures, or the same voxels under two names."""
         rows, slot = self._live_rows(b)
         b_size = int((self._index.ratio(rows)[np.arange(len(rows)), slot] >= self.settings.merge_ratio).sum())
         if min(a_size, b_size) < self.settings.min_voxels:
             return False
         if both >= self.settings.tau_same * (a_size + b_size - both):
             return True
-        if both < self.settings.tau_g * min(a_size, b_size):
+        parted = self.settings.room_prior and 0 not in (a.room, b.room) and a.room != b.room
+        if parted or both < self.settings.tau_g * min(a_size, b_size):
             return False
         mean = a.direction()
         return mean is not None and bool(self._cosines([mean], np.array([b.id]))[0, 0] >= self.settings.tau_s)
@@ -334,8 +330,7 @@ class InstanceMemory:
         instance.owned = rows[owners == instance.id]
         instance.size = float(good.sum())
         instance.room = room_of(self._rooms, self._index.point[instance.owned])
-        others = set(np.unique(self._index.owner[rows]).tolist())
-        return others - {0, instance.id}
+        return set(np.unique(self._index.owner[rows]).tolist()) - {0, instance.id}
 
     def _publish(self, instance: Instance, changed: list[InstanceState]) -> None:
         s = self.settings
