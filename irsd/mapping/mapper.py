@@ -109,6 +109,7 @@ class Mapper:
             layers["known"],
             self.levels.floor_z_m,
             self.levels.ceiling_z_m,
+            layers["lintel"],
         )
 
     def wall_points(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
