@@ -101,8 +101,9 @@ class Knowledge:
             return self._by_cosine(self.names.canonical(wanted), seen, self._settings.match_cosine)
         # "tv cabinet" is called a cabinet, whatever the table files it under; so is a "tv stand", its other name.
         other_name = " ".join([*seen.split()[:-1], wanted])
-        if seen.endswith(f" {wanted}") or (" " in other_name and meant[0] in self.names.senses(other_name)):
-            return 0.8
+        called_so = " " in other_name and meant[0] in self.names.senses(other_name)
+        if called_so or seen.endswith(f" {wanted}"):
+            return 0.8 if seen.endswith(f" {wanted}") else 0.65
         # Both are known and differ: only things of one kind may still pass for each other, and only if they are very close.
         parents = [set(self.names.ancestors(s)[:1]) for s in (senses[0], meant[0])]
         if parents[0] & parents[1]:

@@ -107,7 +107,9 @@ def under(a: Box, b: Box) -> float:
 
 def in_front(a: Box, b: Box) -> float:
     """a stands where one looks at b from: some metres off at most, not on it. Which side is b's front is not known."""
-    return _fall(plan_gap(a, b), 2.5, 5.0) * (1.0 - max(on(a, b), on(b, a)))
+    # What stands on the floor inside the other's box (a table in the bend of a corner sofa) is before it, not on it.
+    rests = max(on(a, b), on(b, a)) if abs(a.bottom_m - b.bottom_m) > 0.1 else 0.0
+    return _fall(plan_gap(a, b), 2.5, 5.0) * (1.0 - rests)
 
 
 def between(a: Box, b: Box, c: Box) -> float:

@@ -115,7 +115,7 @@ def resolve(
     if not sure:
         return _none_sure(cases, alive, named, settings)
     best = max(c.score for c in sure)
-    ratio = max(settings.rival_ratio, 0.85) if spec.function else settings.rival_ratio
+    ratio = max(settings.rival_ratio, 0.95) if spec.function else settings.rival_ratio
     rivals = _without_fragments([c for c in sure if c.score >= ratio * best])
     for case in sure:
         if case not in rivals:
