@@ -243,11 +243,7 @@ class InstanceMemory:
 
     def _live_rows(self, instance: Instance) -> tuple[Ints, Ints]:
         """(rows, slots) that the instance holds now; claims that gave way are dropped from its list for good."""
-        rows = (
-            instance.rows[0]
-            if len(instance.rows) == 1
-            else np.unique(np.concatenate([np.zeros(0, np.int64), *instance.rows]))
-        )
+        rows = instance.rows[0] if len(instance.rows) == 1 else np.unique(np.concatenate(instance.rows))
         slot = self._index.slot_of(rows, np.full(len(rows), instance.id, np.int64))
         if (slot < 0).any():
             rows, slot = rows[slot >= 0], slot[slot >= 0]

@@ -113,4 +113,5 @@ class Instance:
             group = names.group(name)
             best[group] = min(best.get(group, (np.inf, "")), (-score, name))
         ranked = sorted((-score / total, best[group][1]) for group, score in self.group_score.items())
-        return tuple((name, round(-score, 6)) for score, name in ranked[:count])
+        # Rounded down, so that the shares never add up to more than one.
+        return tuple((name, int(-score * 1e6) / 1e6) for score, name in ranked[:count])
