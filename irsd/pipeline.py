@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
-from irsd.core.types import InstanceState, MapUpdate, RoomFootprint, Rooms, SyncedFrame
-from irsd.graph.builder import GraphBuilder
-from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays, InstanceNode, RoomNode
+from irsd.core.types import InstanceState, MapUpdate, Rooms, SyncedFrame
+from irsd.graph.builder import GraphBuilder, footprint_of
+from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays, InstanceNode
 from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
@@ -120,7 +120,7 @@ class MapPipeline:
         self._builder.restore(snapshot, arrays)
         self._graph = SceneGraph.from_snapshot(snapshot)
         self._room_stage.restore(
-            [number_of(room.id) for room in snapshot.rooms], [_footprint(room) for room in snapshot.rooms]
+            [number_of(room.id) for room in snapshot.rooms], [footprint_of(room) for room in snapshot.rooms]
         )
         self._memory.restore([_state(node, arrays[node.id]) for node in snapshot.instances if node.id in arrays])
 
@@ -131,6 +131,7 @@ class MapPipeline:
     def _segment_rooms(self) -> None:
         points, normals = self._mapper.wall_points()
         self._rooms = self._room_stage.update(self._mapper.plan_evidence(), points, normals)
+        self._memory.follow_rooms(self._rooms)
         self._plan_changed = False
 
     def _commit(self, stamp_ns: int, ms: dict[str, float]) -> GraphDelta | None:
@@ -141,12 +142,6 @@ class MapPipeline:
             if delta is not None:
                 self._graph.apply(delta)
         return delta
-
-
-def _footprint(room: RoomNode) -> RoomFootprint:
-    return RoomFootprint(
-        np.asarray(room.polygon_xy, np.float64), room.aabb_xy, room.area_m2, room.floor_z_m, room.ceiling_z_m
-    )
 
 
 def _state(node: InstanceNode, arrays: InstanceArrays) -> InstanceState:

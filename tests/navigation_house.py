@@ -62,7 +62,16 @@ def surface(low: Sequence[float], high: Sequence[float]) -> NDArray[np.float32]:
 def room(number: int, label: str, x0: float, x1: float, instances: Sequence[str]) -> RoomNode:
     corners = ((x0, 0.0), (x1, 0.0), (x1, 6.0), (x0, 6.0))
     return RoomNode(
-        f"R{number}", label, ((label, 0.8),), corners, (x0, 0.0, x1, 6.0), (x1 - x0) * 6.0, 0.0, 2.6, tuple(instances), ("D1",)
+        f"R{number}",
+        label,
+        ((label, 0.8),),
+        corners,
+        (x0, 0.0, x1, 6.0),
+        (x1 - x0) * 6.0,
+        0.0,
+        2.6,
+        tuple(instances),
+        ("D1",),
     )
 
 

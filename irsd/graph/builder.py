@@ -26,6 +26,9 @@ class GraphSettings:
 
     building: str = setting("building", "name of the building")
     labels_per_instance: int = setting(5, "names given with an instance, best first", lo=1, hi=50)
+    room_reach_m: float = setting(
+        0.4, "a thing between rooms (in a wall's thickness) belongs to the nearest room within this", lo=0.0, hi=5.0
+    )
     door_match_m: float = setting(1.0, "a door seen again within this distance keeps its id", lo=0.0, hi=10.0)
     room_types: RoomTypeSettings = field(default_factory=RoomTypeSettings)
 
@@ -53,7 +56,7 @@ class GraphBuilder:
             raise ValueError(f"stored map is {snapshot.map_id} in {snapshot.frame}, not {self.map_id} in {self.frame}")
         self.seq = snapshot.seq
         self._room_nodes = {room.id: room for room in snapshot.rooms}
-        self._footprints = {room.id: _footprint(room) for room in snapshot.rooms}
+        self._footprints = {room.id: footprint_of(room) for room in snapshot.rooms}
         self._door_nodes = {door.id: door for door in snapshot.doors}
         self._doors.restore(snapshot.doors)
         self._instance_nodes = {instance.id: instance for instance in snapshot.instances}
@@ -161,13 +164,19 @@ class GraphBuilder:
         return InstanceNode(**{**values, "room": room})
 
     def _room_at(self, point_m: tuple[float, float, float]) -> str | None:
-        """The room at a place of the plan, None outside of all."""
+        """The room at a place of the plan, or the nearest within ``room_reach_m``: what hangs on a wall is in that room."""
         if self._placing is None:
             return None
-        cell = self._placing.frame.cells_of(np.array([point_m]))
-        if not self._placing.frame.inside(cell)[0]:
+        frame, labels = self._placing.frame, self._placing.labels
+        reach = round(self.settings.room_reach_m / frame.resolution_m)
+        row, col = frame.cells_of(np.array([point_m]))[0]
+        low = np.maximum([row - reach, col - reach], 0)
+        window = labels[low[0] : max(row + reach + 1, 0), low[1] : max(col + reach + 1, 0)]
+        cells = np.argwhere(window)
+        if not len(cells):
             return None
-        room = f"R{int(self._placing.labels[cell[0, 0], cell[0, 1]])}"
+        nearest = cells[((cells + low - (row, col)) ** 2).sum(1).argmin()]
+        room = f"R{int(window[nearest[0], nearest[1]])}"
         return room if room in self._footprints else None
 
     # ------------------------------------------------------------------------------------------------ rooms
@@ -208,7 +217,8 @@ class GraphBuilder:
         )
 
 
-def _footprint(room: RoomNode) -> RoomFootprint:
+def footprint_of(room: RoomNode) -> RoomFootprint:
+    """A published room as the room stage takes it up again."""
     polygon = np.array(room.polygon_xy, np.float64).reshape(-1, 2)
     return RoomFootprint(polygon, room.aabb_xy, room.area_m2, room.floor_z_m, room.ceiling_z_m)
 

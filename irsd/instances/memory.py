@@ -91,7 +91,7 @@ class InstanceMemory:
     def observe(self, view: CameraView, lifted: LiftedView, rooms: Rooms | None) -> None:
         """Fuse one picture's masks. rooms: the rooms as known now; None or room 0 = unknown, which restricts nothing."""
         self._views += 1
-        self._follow_rooms(rooms)
+        self.follow_rooms(rooms)
         seen = self._index.find(np.unique(voxel_keys(lifted.seen_map, self.settings.voxel_m)))
         seen = seen[seen >= 0]
         masks = [m for m in lifted.masks if len(m.points_map)]
@@ -202,7 +202,7 @@ class InstanceMemory:
             self._instances[instance].size += 0 if self._instances[instance].published else len(mine)
 
     # ------------------------------------------------------------------------------------------------ rooms
-    def _follow_rooms(self, rooms: Rooms | None) -> None:
+    def follow_rooms(self, rooms: Rooms | None) -> None:
         """When the rooms changed, every instance's room is found anew (not per picture: rooms change seldom)."""
         if rooms is self._rooms:
             return
