@@ -25,6 +25,7 @@ _MIN_VOLUME_M3, _MAX_VOLUME_M3 = (
     2.0,
 )  # bounds of one thing's say: a cup counts a little, a hall-sized merge is no proof
 _SUPPORT = 0.1  # centred similarity from which a kind of thing speaks for a type: typical things lie at 0.2 .. 0.6
+_CACHED_NAMES = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,7 @@ class RoomTyper:
         means = [m[0] + m[1:].mean(0) if len(m) > 1 else m[0] for m in self._members]
         self._prototypes = np.array([mean / np.linalg.norm(mean) for mean in means], np.float32)
         self._cache: dict[str, NDArray[np.float64]] = {}
+        self._speaking: dict[str, str | None] = {}
 
     def type_of(self, things: Sequence[Evidence], last: str = UNKNOWN) -> RoomType:
         """The type of a room with these things; last: its type so far, which is kept while another one is not clearly better."""
@@ -114,16 +116,26 @@ class RoomTyper:
 
     def _volumes(self, things: Sequence[Evidence]) -> dict[str, float]:
         """Volume per kind of thing; a thing whose name is uncertain is shared among its names. Structure has no say."""
-        aliases = self._encoder.aliases
         out: dict[str, float] = {}
         for thing in things:
             volume = min(max(thing.volume_m3, _MIN_VOLUME_M3), _MAX_VOLUME_M3)
             total = sum(score for _, score in thing.labels)
             for label, score in thing.labels:
-                name = aliases.canonical(label)
-                if score > 0 and not any(aliases.is_a(name, part) for part in _STRUCTURE):
+                name = self._speaker(label)
+                if score > 0 and name is not None:
                     out[name] = out.get(name, 0.0) + volume * score / total
         return {name: out[name] for name in sorted(out)}
+
+    def _speaker(self, label: str) -> str | None:
+        """The canonical name of a thing that says something about its room, None for structure."""
+        if label not in self._speaking:
+            if len(self._speaking) >= _CACHED_NAMES:  # labels come from outside: they must not fill the memory
+                self._speaking.clear()
+                self._cache.clear()
+            aliases = self._encoder.aliases
+            name = aliases.canonical(label)
+            self._speaking[label] = None if any(aliases.is_a(name, part) for part in _STRUCTURE) else name
+        return self._speaking[label]
 
     def _similarity(self, name: str) -> NDArray[np.float64]:
         """[T] similarity of a thing to each type, centred over the types."""
