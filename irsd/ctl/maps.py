@@ -18,12 +18,13 @@ from irsd.ctl.draw import ROOM_PALETTE
 from irsd.rooms.segment import segment_map
 
 FREE_GREY = 250
+USUAL_RESOLUTION_M = 0.05  # the default of the usual mapping packages
 
 
 def rooms(map_file: Path, resolution_m: float | None, out: Path, as_json: bool) -> int:
     """Writes the label image, ``<out>.geojson`` and ``<out>.picture.png``; prints what was found."""
     image, resolution_m, origin_xy = load_map(map_file, resolution_m)
-    segmentation = segment_map(image, resolution_m)
+    segmentation = segment_map(np.ascontiguousarray(image[::-1]), resolution_m)  # grids have their lowest y in row 0
     labels = segmentation.labels[::-1].astype(np.uint16)
     out.parent.mkdir(parents=True, exist_ok=True)
     _write_png(out, labels)
@@ -61,7 +62,11 @@ def load_map(path: Path, resolution_m: float | None) -> tuple[NDArray[np.uint8],
         free_from = int(np.ceil((1.0 - float(meta.get("free_thresh", 0.196))) * 255))
         path = path.parent / str(meta["image"])
     if resolution_m is None:
-        raise ConfigError(f"{path}: a bare picture has no scale; give --resolution METRES_PER_PIXEL")
+        click.echo(
+            f"{path}: a bare picture has no scale, taking {USUAL_RESOLUTION_M} m per pixel; --resolution sets it",
+            err=True,
+        )
+        resolution_m = USUAL_RESOLUTION_M
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise ConfigError(f"{path}: not a picture that can be read (png or pgm)")
