@@ -24,6 +24,7 @@ NAME = "map"
 _IDLE_S = 0.25
 _CALLS = 32
 _CALL_TIMEOUT_S = 5.0
+_QUIET_NS = 2_000_000_000  # sensors that pause for longer than any stage's period
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,8 @@ class MapLoop:
         self._max_failures = max_failures
         self._calls: Ring[Callable[[], None]] = Ring(_CALLS, wake)
         self._ended = Event()
-        self._last_reported = 0
+        self._stepped_ns = 0
+        self._settled = True
         self.state: Cell[MapState] = Cell(MapState())
         self.snapshot: Cell[GraphSnapshot] = Cell(pipeline.snapshot())
         self.gave_up = False
@@ -107,10 +109,11 @@ class MapLoop:
         while not self._stopper.requested:
             self._beats.beat(NAME)
             self._answer_calls()
+            self._settle_when_quiet()
             if not self._take_in():
                 self._wake.wait(_IDLE_S)
                 self._wake.clear()
-        if self.state.get().frames and not self.gave_up:
+        if not self._settled and not self.gave_up:
             self._finish()
         self._ended.set()
         self._answer_calls()
@@ -142,7 +145,14 @@ class MapLoop:
         for work in self._calls.drain():
             work()
 
+    def _settle_when_quiet(self) -> None:
+        """Once the sensors pause, the slower stages look at what is left: the robot is parked, or the recording over."""
+        if not self._settled and monotonic_ns() - self._stepped_ns > _QUIET_NS:
+            self._settled = True
+            self._finish()
+
     def _step(self, frame: SyncedFrame) -> None:
+        self._stepped_ns, self._settled = monotonic_ns(), False
         state = self.state.get()
         failed, failures, last_failure, lag_s = state.failed, 0, "", state.lag_s
         try:
@@ -182,12 +192,12 @@ class MapLoop:
         self._outbox.put(Publication(delta, snapshot, changed))
 
     def _finish(self) -> None:
-        """At a clean stop: what the slower stages have not looked at yet."""
+        """What the slower stages have not looked at yet: at a pause and at a clean stop."""
         try:
             result = self._pipeline.finish(self.state.get().stamp_ns)
             self._hand_out(result.delta, result.snapshot)
-        except Exception:  # stopping goes on; all steps before are safe
-            _log.error("the last step failed", exc_info=True)
+        except Exception:  # all steps before are safe, and the next frame or the stop goes on
+            _log.error("settling the map failed", exc_info=True)
 
 
 def _losses(counters: Mapping[str, int]) -> dict[str, int]:

@@ -10,12 +10,13 @@ from typing import Any
 
 import click
 
-from irsd.core.runtime import Ring
+from irsd.core.runtime import Ring, monotonic_s
 from irsd.ctl.link import Target, ask_json, connected
 from irsd.io.messages import Sample
 
 EXIT_BY_STATUS = {"resolved": 0, "accepted": 0, "ambiguous": 3, "not_found": 4, "unreachable": 5}
 FINAL_STATES = {"reached": 0, "failed": 6, "cancelled": 6, "preempted": 6}
+PROGRESS_S = 3.0
 SILENCE_S = 15.0  # nav_bridge reports at 1 Hz or more while it drives
 
 
@@ -40,7 +41,7 @@ def goto(target: Target, query: str, within_m: float | None, no_wait: bool, as_j
 
 def follow(states: Ring[Sample], goal_id: str, *, quiet: bool) -> dict[str, Any]:
     """Wait for the end of a goal; prints how it goes unless quiet. Returns the final state document."""
-    shown = ""
+    shown, shown_s = "", 0.0
     while True:
         sample = states.get(timeout_s=SILENCE_S)
         if sample is None:
@@ -50,11 +51,11 @@ def follow(states: Ring[Sample], goal_id: str, *, quiet: bool) -> dict[str, Any]
         state: dict[str, Any] = json.loads(sample.payload)
         if state.get("goal_id") != goal_id:
             continue
-        text = str(state.get("text") or state.get("state"))
-        if not quiet and text != shown:
-            click.echo(text)
-            shown = text
-        if state.get("state") in FINAL_STATES:
+        phase = str(state.get("state"))
+        if not quiet and (phase != shown or monotonic_s() - shown_s >= PROGRESS_S):
+            click.echo(str(state.get("text") or phase))
+            shown, shown_s = phase, monotonic_s()
+        if phase in FINAL_STATES:
             return state
 
 
