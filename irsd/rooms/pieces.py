@@ -19,7 +19,9 @@ def choose_cuts(
     resolution_m: float,
     before: NDArray[np.float64],
 ) -> Cuts:
-    """The cuts that are tried, none crossing another: clear doorways first, then what is left between closed doors.
+    """The cuts that are tried, none crossing another: doors first, then clear doorways of any width, then what is left.
+
+    Each round sees the cuts of those before as walls: an open door beside a cut does not make the space behind it wide.
 
     before: ends [K, 2, 2] in cells of cuts that stood earlier.
     """
@@ -32,11 +34,12 @@ def choose_cuts(
         depths=np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6]) / resolution_m,
     )
     closed, rounds = space, []
-    for limit in (settings.doorway, 1.1):
+    for limit, widest_m in ((settings.doorway, settings.door_max_m), (settings.doorway, np.inf), (1.1, np.inf)):
         corners = cutting.find_corners(closed, solid, settings.simplify_m / resolution_m)
         found = cutting.find_cuts(cutting.clearance(closed), corners, reach, lintel)
         found = cutting.preferring(found, before, reach.jamb)
-        rounds.append(cutting.without_crossings(found.take(found.ratio <= limit), reach.jamb))
+        tried = (found.ratio <= limit) & (found.width * resolution_m <= widest_m)
+        rounds.append(cutting.without_crossings(found.take(tried), reach.jamb))
         closed = closed & ~cutting.drawn(rounds[-1], closed.shape)
     return cutting.joined(rounds)
 
@@ -130,7 +133,7 @@ class _PieceGraph:
         for a, b, cut, cells in borders[borders[:, 3] >= 2].tolist():
             ratio, width = self._near[a].get(b, (0.0, 0.0))
             ratio = max(ratio, float(cuts.ratio[cut]))
-            width = max(width, min(cells + 1.0, float(cuts.width[cut])))
+            width += min(cells + 1.0, float(cuts.width[cut]))
             self._near[a][b] = self._near[b][a] = (ratio, width)
 
     def merge_weak(self) -> None:
@@ -176,5 +179,5 @@ class _PieceGraph:
             del self._near[c][gone]
             if c != keep:
                 other = self._near[keep].get(c, (0.0, 0.0))
-                self._near[keep][c] = self._near[c][keep] = (max(ratio, other[0]), max(width, other[1]))
+                self._near[keep][c] = self._near[c][keep] = (max(ratio, other[0]), width + other[1])
         self._near[gone] = {}
