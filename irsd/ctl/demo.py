@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import click
 
 from irsd.core.errors import IrsdError
-from irsd.core.runtime import Ring, monotonic_s
+from irsd.core.runtime import Ring, monotonic_s, sleep_s
 from irsd.ctl import drive, live
 from irsd.ctl.link import Target
 from irsd.io.endpoints import ZenohSettings, with_environment
@@ -27,7 +28,8 @@ from irsd.io.session import Session, open_session
 ROBOT = "demo"
 START_LIMIT_S = 60.0
 EXPLORE_LIMIT_S = 200.0
-SETTLE_S = 2.0
+SETTLE_S = 3.0
+ARRIVAL_M = 0.5
 
 
 class DemoError(IrsdError):
@@ -90,12 +92,13 @@ def run(folder: Path, seed: int, query: str) -> int:
         click.echo("\nirsctl tree")
         live.tree(target, False)
         click.echo(f'\nirsctl goto "{query}"')
-        code = drive.goto(target, query, None, False, False)
+        code, answer = drive.go(target, query)
         programs.check()
         live.plan(target, folder / "plan.svg", False)
         live.plan(target, folder / "plan.png", False)
         if code:
             raise DemoError(f'goto "{query}" ended with exit code {code}; see {folder}/nav_bridge.log')
+        _check_against_truth(target, json.loads(truth.read_text()), str(answer["target"]["label"]))
         click.echo(f"done in {monotonic_s() - began_s:.0f} s")
         return 0
     except IrsdError as error:
@@ -144,9 +147,32 @@ def _explore(session: Session, programs: Programs) -> None:
                 shown_s = elapsed_s
                 _progress(elapsed_s, state, graph)
             if state["phase"] == "idle":
-                states.get(timeout_s=SETTLE_S)  # irsd finishes the last frames
+                sleep_s(SETTLE_S)  # irsd works off the last frames and settles the map
                 return
     raise DemoError(f"the robot is not done exploring after {EXPLORE_LIMIT_S:g} s; see the world's log")
+
+
+def _check_against_truth(target: Target, truth: dict[str, Any], label: str) -> None:
+    """The robot's true place against the true things of that name, which irsd and nav_bridge never saw."""
+    states: Ring[Sample] = Ring(4)
+    with _session(target) as session, session.subscribe(f"irs/{ROBOT}/sim/state", states):
+        sample = states.get(timeout_s=10.0)
+    if sample is None:
+        raise DemoError("the world no longer says where the robot is; see the world's log")
+    state = json.loads(sample.payload)
+    x, y, _ = state["true_pose"]
+    things = [t for t in truth["instances"] if label in (t["label"], *t["synonyms"])]
+    away_m = min((_plan_distance(x, y, t["aabb_min"], t["aabb_max"]) for t in things), default=math.inf)
+    if away_m > ARRIVAL_M or state["collisions"]:
+        raise DemoError(
+            f"the robot truly stands {away_m:.2f} m from the nearest {label}, with {state['collisions']} collisions"
+        )
+    click.echo(f"checked against the world's truth: {away_m:.2f} m from a {label}, no collision")
+
+
+def _plan_distance(x: float, y: float, low: Sequence[float], high: Sequence[float]) -> float:
+    """Distance in the plan from a place to an upright box between two corners [3]."""
+    return math.hypot(max(low[0] - x, 0.0, x - high[0]), max(low[1] - y, 0.0, y - high[1]))
 
 
 def _progress(elapsed_s: float, state: dict[str, Any], graph: dict[str, Any]) -> None:

@@ -22,21 +22,28 @@ SILENCE_S = 15.0  # nav_bridge reports at 1 Hz or more while it drives
 
 def goto(target: Target, query: str, within_m: float | None, no_wait: bool, as_json: bool) -> int:
     """Resolve, drive, and say how it ended."""
+    code, document = go(target, query, within_m, wait=not no_wait, quiet=as_json)
+    if as_json:
+        click.echo(json.dumps(document))
+    return code
+
+
+def go(
+    target: Target, query: str, within_m: float | None = None, *, wait: bool = True, quiet: bool = False
+) -> tuple[int, dict[str, Any]]:
+    """(exit code, the answer document with the final state under ``result``); says how it goes unless quiet."""
     with connected(target) as (session, keys):
         states: Ring[Sample] = Ring(256)
         with session.subscribe(keys.nav("state"), states):
             request = {"query": query} | ({"within_m": within_m} if within_m is not None else {})
             answer = ask_json(session, keys.nav("goto"), max(target.timeout_s, 10.0), request)
-            code = EXIT_BY_STATUS.get(str(answer.get("status")), 1)
-            if code or no_wait:
-                click.echo(json.dumps(answer) if as_json else describe(answer))
-                return code
-            if not as_json:
+            if not quiet:
                 click.echo(describe(answer))
-            final = follow(states, str(answer["goal_id"]), quiet=as_json)
-        if as_json:
-            click.echo(json.dumps({**answer, "result": final}))
-        return FINAL_STATES.get(str(final.get("state")), 1)
+            code = EXIT_BY_STATUS.get(str(answer.get("status")), 1)
+            if code or not wait:
+                return code, answer
+            final = follow(states, str(answer["goal_id"]), quiet=quiet)
+    return FINAL_STATES.get(str(final.get("state")), 1), {**answer, "result": final}
 
 
 def follow(states: Ring[Sample], goal_id: str, *, quiet: bool) -> dict[str, Any]:
