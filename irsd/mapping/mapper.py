@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.geometry import Pose, invert, transform
+from irsd.core.geometry import Pose, invert
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
-from irsd.mapping import frustum
+from irsd.mapping import frustum, kernels
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
-from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines, in_wall_band, label_points
+from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines
+from irsd.mapping.structure_kernels import in_wall_band, label_points
 from irsd.mapping.voxels import VoxelMap, VoxelSettings
 
 
@@ -47,15 +48,15 @@ class Mapper:
         points = self._usable(frame.scan.points_map, origin)
         touched = self.voxels.insert(points, origin, frame.scan.stamp_ns)
         rows = touched.rows
-        coarse = self.voxels.coarse_of(rows)
-        surface, normals = self.voxels.surface[coarse], self.voxels.normal[coarse]
+        coarse = self.voxels.coarse[rows]
+        surface, normals = self.voxels.surface.take(coarse, 0), self.voxels.normal.take(coarse, 0)
         self.levels.update(surface, normals, base, float(origin[2]))
         self.level_map.update(surface, normals, self.levels)
         self._learn_walls(surface, normals)
         self._label(np.concatenate([rows, self._next_sweep()]), base)
         changed = None
         if len(points):
-            level = np.abs(self.voxels.normal[self.voxels.coarse_of(touched.row_of_point), 2])
+            level = np.abs(self.voxels.normal[self.voxels.coarse[touched.row_of_point], 2])
             changed = self.grid.integrate(
                 points, origin, level > self.settings.structure.horizontal,
                 self.levels.floor_z_m, self.levels.ceiling_z_m, self._scans,
@@ -72,7 +73,8 @@ class Mapper:
 
     def _learn_walls(self, surface: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
         """Feed the upright surface near the ceiling to the wall lines and refit the tiles that were seen."""
-        upright = in_wall_band(surface, normals, self.levels, self.level_map, self.settings.structure)
+        limits = self.settings.structure.limits
+        upright = in_wall_band(surface, normals, self.level_map.tiles(self.levels), limits)
         self.walls.add(surface[upright], normals[upright])
         self.walls.refit(surface)
 
@@ -85,16 +87,15 @@ class Mapper:
         return np.asarray(rows[self.voxels.hits[rows] > 0], np.int32)
 
     def _label(self, rows: NDArray[np.int32], base: NDArray[np.float64]) -> None:
-        coarse = self.voxels.coarse_of(rows)
+        coarse = self.voxels.coarse[rows]
         self.voxels.structure[rows] = label_points(
-            self.voxels.mean[rows],
-            self.voxels.surface[coarse],
-            self.voxels.normal[coarse],
-            self.levels,
-            self.level_map,
-            self.walls,
+            self.voxels.mean.take(rows, 0),
+            self.voxels.surface.take(coarse, 0),
+            self.voxels.normal.take(coarse, 0),
+            self.level_map.tiles(self.levels),
+            self.walls.tiles,
             base,
-            self.settings.structure,
+            self.settings.structure.limits,
         )
 
     # ------------------------------------------------------------------------------------------------ reading
@@ -114,23 +115,21 @@ class Mapper:
 
     def wall_points(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Points [W, 3] and unit normals [W, 3] (towards where they were seen from) of the voxels labelled WALL."""
-        rows = np.flatnonzero(self.voxels.structure[: self.voxels.row_count] == Structure.WALL)
-        normals = self.voxels.normal[self.voxels.coarse_of(rows)]
-        known = normals.any(-1)
-        return self.voxels.mean[rows[known]], normals[known]
+        voxels = self.voxels
+        return kernels.select(
+            voxels.structure[: voxels.row_count], Structure.WALL, voxels.mean, voxels.coarse, voxels.normal
+        )
 
     def visible(
         self, map_T_camera: Pose, camera: CameraModel, max_range_m: float
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Voxel points [K, 3] in the camera's view up to max_range_m, and their structure [K]. Not tested for occlusion."""
-        camera_T_map = invert(map_T_camera)
         view = frustum.view_of(camera, max_range_m)
-        slots, centres = self.voxels.block_centres()
-        radius = 8 * self.settings.voxels.voxel_m * np.sqrt(3) / 2
-        rows = self.voxels.rows_of_blocks(slots[view.holds(transform(camera_T_map, centres), radius)])
-        points = self.voxels.mean[rows]
-        rows = rows[view.holds(transform(camera_T_map, points), 0.0)]
-        return self.voxels.mean[rows], self.voxels.structure[rows]
+        blocks, index = self.voxels.blocks[: self.voxels.slot_count], self.voxels.index
+        rows = frustum.rows_in_view(
+            view, invert(map_T_camera), blocks, index, self.voxels.mean, self.settings.voxels.voxel_m
+        )
+        return self.voxels.mean.take(rows, 0), self.voxels.structure.take(rows)
 
     def navigation_grid(self) -> tuple[GridFrame, NDArray[np.int8]]:
         """(frame, int8 [H, W]) at the robot's height: 100 occupied, 0 free, -1 unknown. Costs a pass over the grid."""

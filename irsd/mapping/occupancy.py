@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
-from irsd.mapping import kernels
+from irsd.mapping import ray_kernels
+from irsd.mapping.ray_kernels import Rays, Steps, Window
+from irsd.mapping.structure_kernels import Plan, bounds_xy
 
 BODY_SLICES = 24  # about 5 cm each: a bed seen at a grazing angle is not erased by the rays just above it
 LOW_SLICES = BODY_SLICES // 3  # a ray through these passes under what furniture there is
@@ -73,13 +75,10 @@ class PlanArea:
         absolute = np.floor(np.asarray(points[:, 1::-1], np.float64) / self.resolution_m).astype(np.int64)
         return absolute - self.low
 
-    def locate(self, points: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Flat cell numbers [N] (row * width + col; 0 outside) of points [N, 2+], and whether they lie inside [N]."""
-        scale = 1 / self.resolution_m
-        row = np.floor(points[:, 1].astype(np.float64) * scale).astype(np.int64) - self.low[0]
-        col = np.floor(points[:, 0].astype(np.float64) * scale).astype(np.int64) - self.low[1]
-        inside = (row >= 0) & (col >= 0) & (row < self.shape[0]) & (col < self.shape[1])
-        return np.where(inside, row * self.shape[1] + col, 0), inside
+    @property
+    def plan(self) -> Plan:
+        """The rectangle as kernels take it."""
+        return Plan(1 / self.resolution_m, int(self.low[0]), int(self.low[1]), *self.shape)
 
     def cover(self, low_xy: NDArray[np.floating], high_xy: NDArray[np.floating]) -> tuple[int, int, int, int] | None:
         """Grow to hold the box; returns the padding (top, bottom, left, right) in cells, None when nothing changes."""
@@ -101,12 +100,12 @@ class PlanArea:
 
 
 class SliceGrid:
-    """The single writer of the log-odds, int8 [LAYERS, H, W]. Layers FLOOR and CEILING count sightings up to a clamp."""
+    """The single writer of the log-odds, int8 [H, W, LAYERS]. Layers FLOOR and CEILING count sightings up to a clamp."""
 
     def __init__(self, settings: OccupancySettings) -> None:
         self.settings = settings
         self.area = PlanArea(settings.resolution_m, settings.max_area_m2)
-        self.odds: NDArray[np.int8] = np.zeros((LAYERS, 0, 0), np.int8)
+        self.odds: NDArray[np.int8] = np.zeros((0, 0, LAYERS), np.int8)
 
     def integrate(
         self,
@@ -118,56 +117,47 @@ class SliceGrid:
         turn: int,
     ) -> tuple[float, float, float, float] | None:
         """One scan [N, 3] seen from origin [3]; returns the box (xmin, ymin, xmax, ymax) whose class changed, or None."""
-        window = self._window(points, origin)
+        table, base_m = self._slice_table(floor_z_m, ceiling_z_m)
+        window = self._window(points, origin, base_m)
         if window is None:
             return None
-        low, shape = window
-        table, base_m = self._slice_table(floor_z_m, ceiling_z_m)
-        chosen = slice(turn % (stride := max(-(-len(points) // self.settings.max_rays), 1)), None, stride)
-        samples = kernels.ray_samples(
-            origin, points[chosen], self.settings.resolution_m, self._stop_short(points[chosen], origin, level[chosen]),
-            self.settings.ray_range_m,
-        )  # fmt: skip
-        passed = np.zeros((SLICES, *shape), np.bool_)
-        self._mark(passed, samples, low, table, base_m)
-        self._mark_footprint(passed, origin, low)
-        hit = np.zeros((LAYERS, *shape), np.bool_)
-        self._mark(hit, points, low, table, base_m)
-        passed &= ~hit[:SLICES]
-        return self._apply(hit, passed, low)
+        s = self.settings
+        stride = max(-(-len(points) // s.max_rays), 1)
+        slice_m = (s.body_high_m - s.body_low_m) / BODY_SLICES
+        rays = Rays(turn % stride, stride, s.resolution_m, s.ray_range_m, slice_m)
+        hit, passed = np.zeros((2, window.height, window.width), np.uint32)
+        ray_kernels.mark_points(hit, window, table, points)
+        ray_kernels.mark_rays(passed, window, table, origin, points, level, rays)
+        if (radius := round(s.footprint_m / s.resolution_m)) > 0:  # the robot stands here, so its body slices are free
+            row, col = (self.area.cells_of(origin[None, :])[0] - (window.row, window.col)).tolist()
+            ray_kernels.mark_disc(passed, row, col, radius, BODY_SLICES)
+        steps = Steps(s.hit, s.passed, s.lowest, s.highest, s.occupied, SLICES)
+        x0, y0, x1, y1 = ray_kernels.apply_marks(self.odds, hit, passed, window, steps)
+        if x1 == 0:
+            return None
+        (bottom, left), edge = self.area.low.tolist(), s.resolution_m
+        return (x0 + left) * edge, (y0 + bottom) * edge, (x1 + left) * edge, (y1 + bottom) * edge
 
-    def _stop_short(
-        self, points: NDArray[np.float32], origin: NDArray[np.float64], level: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
-        """How far before its end each ray stops to free cells.
-
-        A ray that ends on level surface (a bed, a table) skims it: it would free the slice it ends in over a long stretch.
-        """
-        slice_m = (self.settings.body_high_m - self.settings.body_low_m) / BODY_SLICES
-        delta = points.astype(np.float64) - origin
-        length = np.sqrt(np.einsum("ij,ij->i", delta, delta))
-        sine = np.abs(delta[:, 2]) / np.maximum(length, 1e-9)
-        skim = slice_m / np.maximum(sine, 1e-3)
-        return np.where(level, np.maximum(skim, 0.08), 0.08)
-
-    def _window(
-        self, points: NDArray[np.float32], origin: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], tuple[int, int]] | None:
-        """The part of the grid that this scan can touch: its lowest (row, col) and (height, width); grows the grid."""
+    def _window(self, points: NDArray[np.float32], origin: NDArray[np.float64], base_m: float) -> Window | None:
+        """The part of the grid that this scan can touch; grows the grid."""
         reach = self.settings.ray_range_m
-        xy = np.concatenate([points[:, :2], origin[None, :2].astype(np.float32)])
-        low_xy = np.maximum(xy.min(0), origin[:2] - reach) - self.settings.footprint_m
-        high_xy = np.minimum(xy.max(0), origin[:2] + reach) + self.settings.footprint_m
+        low, high = bounds_xy(points)
+        low_xy = np.clip(low, origin[:2] - reach, origin[:2]) - self.settings.footprint_m
+        high_xy = np.clip(high, origin[:2], origin[:2] + reach) + self.settings.footprint_m
         padding = self.area.cover(low_xy, high_xy)
         if padding is not None:
             top, bottom, left, right = padding
-            self.odds = np.pad(self.odds, ((0, 0), (top, bottom), (left, right)))
+            self.odds = np.pad(self.odds, ((top, bottom), (left, right), (0, 0)))
         cells = self.area.cells_of(np.stack([low_xy, high_xy]))
         first = np.maximum(cells[0], 0)
         last = np.minimum(cells[1] + 1, self.area.shape)
         if (last <= first).any():
             return None
-        return first, (int(last[0] - first[0]), int(last[1] - first[1]))
+        (row, col), (height, width) = first.tolist(), (last - first).tolist()
+        resolution = self.area.resolution_m
+        corner = (self.area.low + first) * resolution
+        y_m, x_m, base, scale = np.array([*corner, base_m, 1 / resolution], np.float32)
+        return Window(row, col, height, width, x_m, y_m, base, scale)
 
     def _slice_table(self, floor_z_m: float, ceiling_z_m: float | None) -> tuple[NDArray[np.uint8], float]:
         """Layer of every 1 cm of height (255 = none), and the height at which the table starts."""
@@ -188,86 +178,26 @@ class SliceGrid:
             table[:-1][height[:-1] > ceiling_z_m - floor_z_m - s.ceiling_margin_m] = CEILING
         return table, floor_z_m - below
 
-    def _mark(
-        self,
-        seen: NDArray[np.bool_],
-        points: NDArray[np.float32],
-        low: NDArray[np.int64],
-        table: NDArray[np.uint8],
-        base_m: float,
-    ) -> None:
-        """Set the cells of the window [layers, H, W], whose lowest cell is ``low``, that hold the points."""
-        resolution = self.area.resolution_m
-        corner = (self.area.low + low) * resolution
-        layers, height, width = seen.shape
-        # One is added before truncation, so that what lies left of the window gives 0 and not -0.3 -> 0.
-        col = ((points[:, 0] - np.float32(corner[1])) * np.float32(1 / resolution) + 1).astype(np.int32)
-        row = ((points[:, 1] - np.float32(corner[0])) * np.float32(1 / resolution) + 1).astype(np.int32)
-        step = ((points[:, 2] - np.float32(base_m)) * np.float32(100)).astype(np.int32)
-        layer = table[np.clip(step, 0, len(table) - 1)]
-        inside = (col > 0) & (col <= width) & (row > 0) & (row <= height) & (layer < layers)
-        flat = (layer.astype(np.int32) * height + (row - 1)) * width + (col - 1)
-        seen.reshape(-1)[flat[inside]] = True
-
-    def _mark_footprint(self, seen: NDArray[np.bool_], origin: NDArray[np.float64], low: NDArray[np.int64]) -> None:
-        """The robot stands here, so its body slices are free."""
-        reach = round(self.settings.footprint_m / self.area.resolution_m)
-        if reach < 1:
-            return
-        row, col = (self.area.cells_of(origin[None, :])[0] - low).tolist()
-        offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2, indexing="ij"), -1).reshape(-1, 2)
-        cells = offsets[(offsets**2).sum(-1) <= reach * reach] + (row, col)
-        cells = cells[(cells >= 0).all(-1) & (cells < seen.shape[1:]).all(-1)]
-        seen[:BODY_SLICES, cells[:, 0], cells[:, 1]] = True
-
-    def _apply(
-        self, hit: NDArray[np.bool_], passed: NDArray[np.bool_], low: NDArray[np.int64]
-    ) -> tuple[float, float, float, float] | None:
-        """Add the steps, clamp, and say where a slice changed between occupied, free and unknown."""
-        s = self.settings
-        height, width = self.area.shape
-        flat_odds = self.odds.reshape(-1)
-        boxes = []
-        for cells, step in ((hit, s.hit), (passed, -s.passed)):
-            flat = np.flatnonzero(cells).astype(np.int32)
-            line, col = np.divmod(flat, np.int32(cells.shape[2]))
-            layer, row = np.divmod(line, np.int32(cells.shape[1]))
-            row, col = row + np.int32(low[0]), col + np.int32(low[1])
-            place = (layer.astype(np.int64) * height + row) * width + col
-            before = flat_odds[place].astype(np.int16)
-            after = np.clip(before + np.int16(step), s.lowest, s.highest)
-            flat_odds[place] = after
-            changed = ((before >= s.occupied) != (after >= s.occupied)) | ((before < 0) != (after < 0))
-            changed |= (before == 0) & (layer >= SLICES)
-            if changed.any():
-                rows, cols = row[changed] + self.area.low[0], col[changed] + self.area.low[1]
-                boxes.append((cols.min(), rows.min(), cols.max() + 1, rows.max() + 1))
-        if not boxes:
-            return None
-        box, edge = np.array(boxes), self.area.resolution_m
-        x0, y0 = box[:, :2].min(0) * edge
-        x1, y1 = box[:, 2:].max(0) * edge
-        return float(x0), float(y0), float(x1), float(y1)
-
     # ------------------------------------------------------------------------------------------------ reading
     def navigation(self) -> tuple[GridFrame, NDArray[np.int8]]:
         """(frame, int8 [H, W]): 100 where any body slice is occupied, 0 where the floor was seen or passed over low, else -1.
 
         A ray that passes high says nothing of what stands below it: behind a kitchen counter's edge is not free.
         """
-        highest = self.odds[:BODY_SLICES].max(0)
-        free = (self.odds[:LOW_SLICES].min(0) < 0) | (self.odds[FLOOR] > 0)
-        cells = np.where(highest >= self.settings.occupied, 100, np.where(free, 0, -1)).astype(np.int8)
+        low, _, highest, _, _, _, floor, _ = ray_kernels.summary(self.odds, LOW_SLICES, BODY_SLICES)
+        free = (low < 0) | (floor > 0)
+        cells = np.where(highest >= self.settings.occupied, np.int8(100), np.where(free, np.int8(0), np.int8(-1)))
         return self.area.frame, cells
 
     def layers(self) -> tuple[GridFrame, dict[str, NDArray[np.bool_]]]:
         """Boolean [H, W] layers: wall, free, low, known, lintel (structure between door height and ceiling)."""
-        odds, limit = self.odds, self.settings.occupied
-        low = (odds[:BODY_SLICES] >= limit).any(0)
-        wall, lintel = odds[WALL] >= limit, odds[LINTEL] >= limit
-        passed_above = (odds[WALL] < 0) | (odds[LINTEL] < 0)
-        seen_flat = (odds[FLOOR] > 0) | (odds[CEILING] > 0)
-        passed_low = (odds[: TALL + 1] < 0).any(0) & ~low & (odds[TALL] < limit)
+        planes = ray_kernels.summary(self.odds, LOW_SLICES, BODY_SLICES)
+        _, lowest, highest, tall, above, upper, floor, ceiling = planes
+        limit = self.settings.occupied
+        low, wall, lintel = highest >= limit, above >= limit, upper >= limit
+        passed_above = (above < 0) | (upper < 0)
+        seen_flat = (floor > 0) | (ceiling > 0)
+        passed_low = ((lowest < 0) | (tall < 0)) & ~low & (tall < limit)
         free = ~wall & (passed_above | seen_flat | passed_low)
-        known = (odds != 0).any(0)
+        known = planes.any(0)
         return self.area.frame, {"wall": wall, "free": free, "low": low, "known": known, "lintel": lintel}

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from irsd.mapping import kernels
+from irsd.mapping.structure_kernels import line_fit
 from irsd.mapping.voxels import VoxelMap, VoxelSettings
 
 ORIGIN = np.array([0.0, 0.0, 0.6])
@@ -30,7 +31,7 @@ def brute_means(points: np.ndarray) -> dict[tuple[int, ...], np.ndarray]:
 
 def state_of(voxels: VoxelMap) -> dict[tuple[int, ...], np.ndarray]:
     rows = voxels.live_rows()
-    keys = kernels.voxel_keys(voxels.mean[rows], VOXEL)
+    keys = np.floor(voxels.mean[rows].astype(np.float64) / VOXEL).astype(np.int64)
     return {tuple(int(v) for v in key): voxels.mean[row] for key, row in zip(keys, rows, strict=True)}
 
 
@@ -132,7 +133,7 @@ def test_normals_of_a_noisy_plane_face_the_sensor(normal):
     voxels = VoxelMap(VoxelSettings())
     for part in np.array_split(points, 4):
         rows = voxels.insert(part, np.zeros(3), 0).rows
-    got = voxels.normal[voxels.coarse_of(rows)]
+    got = voxels.normal[voxels.coarse[rows]]
     known = got.any(-1)
     assert known.mean() > 0.9
     np.testing.assert_allclose(np.linalg.norm(got[known], axis=-1), 1, atol=1e-4)
@@ -143,7 +144,7 @@ def test_plane_and_line_fits_are_those_of_an_eigensolver():
     rng = np.random.default_rng(7)
     groups = rng.integers(0, 50, 4000)
     points = rng.normal(size=(4000, 3)) * rng.uniform(0.01, 1, (50, 3))[groups] + rng.normal(size=(50, 3))[groups]
-    normals, variances = kernels.plane_fits(kernels.group_moments(points, groups, 50))
+    normals, variances = kernels.plane_fits(kernels.group_moments(points, groups.astype(np.int32), 50))
     for k in range(50):
         values, vectors = np.linalg.eigh(np.cov(points[groups == k].T, bias=True))
         np.testing.assert_allclose(variances[k], values, rtol=1e-5, atol=1e-9)
@@ -152,35 +153,50 @@ def test_plane_and_line_fits_are_those_of_an_eigensolver():
         [np.ones(4000), *points[:, :2].T, points[:, 0] ** 2, points[:, 0] * points[:, 1], points[:, 1] ** 2], -1
     )
     moments = np.stack([flat[groups == k].sum(0) for k in range(50)])
-    normals2, centre, variances2 = kernels.line_fits(moments)
     for k in range(50):
+        nx, ny, x, y, across, along = line_fit(moments[k])
         values, vectors = np.linalg.eigh(np.cov(points[groups == k, :2].T, bias=True))
-        np.testing.assert_allclose(variances2[k], values, rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(centre[k], points[groups == k, :2].mean(0), atol=1e-9)
-        assert abs(normals2[k] @ vectors[:, 0]) > 1 - 1e-6
+        np.testing.assert_allclose((across, along), values, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose((x, y), points[groups == k, :2].mean(0), atol=1e-9)
+        assert abs(np.array([nx, ny]) @ vectors[:, 0]) > 1 - 1e-6
 
 
 def test_degenerate_moments_give_finite_fits():
-    point = kernels.group_moments(np.zeros((3, 3)), np.zeros(3, np.int64), 1)
+    point = kernels.group_moments(np.zeros((3, 3)), np.zeros(3, np.int32), 1)
     for moments in (point, np.zeros((1, 10))):
         normal, variance = kernels.plane_fits(moments)
         assert np.isfinite(normal).all()
         assert np.isfinite(variance).all()
 
 
-def test_shifted_moments_are_those_of_shifted_points():
-    rng = np.random.default_rng(8)
-    points, offset = rng.normal(size=(40, 3)), np.array([0.3, -2.0, 0.7])
-    group = np.zeros(40, np.int64)
-    moved = kernels.group_moments(points, group, 1) @ kernels.shift_matrix(offset)
-    np.testing.assert_allclose(moved, kernels.group_moments(points + offset, group, 1))
+def test_moments_of_a_cells_surroundings_are_those_of_the_points_in_it():
+    points = safe_points(8, 4000, 12)
+    voxels = VoxelMap(VoxelSettings())
+    rows = voxels.insert(points, ORIGIN, 0).rows
+    cells = np.unique(voxels.coarse[rows]).astype(np.int64)
+    size = 2 * VOXEL
+    windows = kernels.window_moments(cells, voxels.neighbours, voxels.moments, size)
+    cell_of_point = np.floor(points / size).astype(int)
+    for cell, window in zip(cells[::20], windows[::20], strict=True):
+        row = rows[voxels.coarse[rows] == cell][0]
+        key = np.floor(voxels.mean[row] / size).astype(int)
+        near = points[(np.abs(cell_of_point - key) <= 1).all(-1)] - (key + 0.5) * size
+        expected = kernels.group_moments(near, np.zeros(len(near), np.int32), 1)[0]
+        np.testing.assert_allclose(window, expected, rtol=1e-4, atol=1e-3)
 
 
-@given(st.lists(st.tuples(*[st.integers(-(2**19), 2**19)] * 3), min_size=1, max_size=50))
+def test_groups_are_those_of_unique():
+    packed = np.random.default_rng(9).integers(-1, 40, 300)
+    keys, of_point = kernels.group(packed, np.argsort(packed, kind="stable"))
+    np.testing.assert_array_equal(keys, np.unique(packed[packed >= 0]))
+    np.testing.assert_array_equal(np.where(of_point < 0, -1, keys[of_point]), packed)
+
+
+@given(st.lists(st.tuples(*[st.integers(-(2**16), 2**16)] * 3), min_size=1, max_size=50))
 def test_packing_keeps_keys_apart(keys):
     array = np.array(keys, np.int64)
-    packed = kernels.pack_voxels(array)
+    packed = kernels.pack_points(((array + 0.5) * VOXEL).astype(np.float32), VOXEL)
     assert len(set(packed.tolist())) == len(set(keys))
-    blocks = array >> kernels.BLOCK_BITS
-    np.testing.assert_array_equal(kernels.pack_blocks(blocks), packed >> 9)
-    np.testing.assert_array_equal(kernels.unpack_blocks(packed >> 9), blocks)
+    np.testing.assert_array_equal(kernels.unpack_blocks(packed >> 9), array >> kernels.BLOCK_BITS)
+    for key, block in zip(kernels.unpack_blocks(packed >> 9).tolist(), (packed >> 9).tolist(), strict=True):
+        assert list(kernels.block_place(block)) == key
