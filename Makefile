@@ -15,8 +15,8 @@ $(STAMP): requirements.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): apt-get install python3.11 python3.11-venv, or make PYTHON=python3.x"; exit 1; }
 	@echo "[1/3] virtual environment in $(VENV)"
 	@$(PYTHON) -m venv $(VENV) || { echo "venv failed: apt-get install python3.11-venv"; exit 1; }
-	@echo "[2/3] locked dependencies (about 700 MB to download the first time; a few minutes)"
-	@$(BIN)/python -m pip install --disable-pip-version-check -q --no-deps -r requirements.lock
+	@echo "[2/3] locked dependencies (about 350 MB to download the first time)"
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-deps -r requirements.lock
 	@echo "[3/3] irsd itself"
 	@$(BIN)/python -m pip install --disable-pip-version-check -q --no-deps --no-build-isolation -e .
 	@touch $@

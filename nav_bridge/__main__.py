@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from irsd.core.errors import IrsdError
-from nav_bridge.config import load_settings
+from irsd.core.errors import ConfigError, IrsdError
+from nav_bridge.config import BridgeSettings, find_settings, load_settings
 
 _CONFIG = click.option("--config", type=click.Path(path_type=Path, dir_okay=False), help="YAML file with settings.")
 
@@ -29,7 +29,7 @@ def main(context: click.Context, robot: str | None, endpoint: str | None, verbos
     level = logging.DEBUG if verbose else logging.INFO
     logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        run_bridge(load_settings(config), robot, endpoint)
+        run_bridge(_settings(config), robot, endpoint)
     except IrsdError as error:
         raise click.ClickException(str(error)) from error
 
@@ -68,7 +68,7 @@ def offline(
     robot = _pose(start)
     try:
         asked = load_queries(queries) if queries is not None else [(None, str(query))]
-        answers = answer_all(folder, asked, robot, load_settings(config), within_m)
+        answers = answer_all(folder, asked, robot, _settings(config), within_m)
     except IrsdError as error:
         raise click.ClickException(str(error)) from error
     if as_json:
@@ -77,6 +77,14 @@ def offline(
         for answer in answers:
             click.echo(f"{answer['query']}: {answer['text']}")
     context.exit(0 if queries is not None else EXIT_CODES[answers[0]["status"]])
+
+
+def _settings(given: Path | None) -> BridgeSettings:
+    """As configured; a wrong file is a usage error (exit code 2), since it stays wrong however often one tries."""
+    try:
+        return load_settings(find_settings(given))
+    except ConfigError as error:
+        raise click.UsageError(str(error)) from error
 
 
 def _pose(text: str) -> tuple[float, float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,9 @@ from nav_bridge.evidence import EvidenceSettings
 from nav_bridge.monitor import MonitorSettings
 from nav_bridge.resolve import ResolveSettings
 from nav_bridge.route import RouteSettings
+
+SYSTEM_FILE = Path("/etc/irsd/nav_bridge.yaml")
+ENVIRONMENT = "NAV_BRIDGE_CONFIG"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,14 @@ class MapFile:
     image: Path
     resolution_m: float
     origin_xy_m: tuple[float, float]
+
+
+def find_settings(given: Path | None) -> Path | None:
+    """The file to read: the one given, else $NAV_BRIDGE_CONFIG, else /etc/irsd/nav_bridge.yaml where it exists, else None."""
+    named = os.environ.get(ENVIRONMENT)
+    if given is not None or named:
+        return given or Path(str(named))
+    return SYSTEM_FILE if SYSTEM_FILE.is_file() else None
 
 
 def load_settings(path: Path | None) -> BridgeSettings:

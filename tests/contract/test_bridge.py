@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import navigation_house as house
@@ -252,3 +254,16 @@ def test_the_graph_is_followed(world: StandIn) -> None:
         while (answer := world.goto("microscope", within_m=1.5)).get("status") != wanted:
             assert monotonic_s() < deadline, answer
     world.ask("cancel", {})
+
+
+@pytest.mark.parametrize(("text", "named"), [("x: 1\n", "x = 1: unknown key"), ("[1]\n", "bad.yaml")])
+def test_a_wrong_configuration_is_named_and_final(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    environment = {**os.environ, "NAV_BRIDGE_CONFIG": str(path)}
+    run = subprocess.run(
+        [sys.executable, "-m", "nav_bridge"], capture_output=True, text=True, env=environment, check=False
+    )
+    assert run.returncode == 2
+    assert named in run.stderr
+    assert "Traceback" not in run.stderr
