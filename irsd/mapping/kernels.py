@@ -200,23 +200,19 @@ def group_moments(points: Floats, cell: Rows, count: int) -> Floats:
     """Moments [count, 10] of points [N, 3] by group number cell [N] in 0..count-1 (-1 = none)."""
     moments = np.zeros((count, 10))
     for i in range(len(points)):
-        if cell[i] >= 0:
-            _add_moments(moments[cell[i]], 1.0, points[i, 0], points[i, 1], points[i, 2])
+        g, x, y, z = cell[i], points[i, 0], points[i, 1], points[i, 2]
+        if g >= 0:
+            moments[g, 0] += 1
+            moments[g, 1] += x
+            moments[g, 2] += y
+            moments[g, 3] += z
+            moments[g, 4] += x * x
+            moments[g, 5] += x * y
+            moments[g, 6] += x * z
+            moments[g, 7] += y * y
+            moments[g, 8] += y * z
+            moments[g, 9] += z * z
     return moments
-
-
-@kernel
-def _add_moments(total: Floats, n: float, x: float, y: float, z: float) -> None:
-    total[0] += n
-    total[1] += x
-    total[2] += y
-    total[3] += z
-    total[4] += x * x
-    total[5] += x * y
-    total[6] += x * z
-    total[7] += y * y
-    total[8] += y * z
-    total[9] += z * z
 
 
 @kernel
@@ -263,26 +259,23 @@ def window_moments(cells: Ints, neighbours: NDArray[np.int32], moments: Singles,
             other = neighbours[slot, ((u >> 2) + 1) * 9 + ((v >> 2) + 1) * 3 + (w >> 2) + 1] - 1
             if other < 0:
                 continue
-            near = moments[other * BLOCK_COARSE + (u & 3) * 16 + (v & 3) * 4 + (w & 3)]
-            if near[0] > 0:
-                _add_shifted(windows[i], near, dx * size_m, dy * size_m, dz * size_m)
+            m = other * BLOCK_COARSE + (u & 3) * 16 + (v & 3) * 4 + (w & 3)
+            n, sx, sy, sz = float(moments[m, 0]), float(moments[m, 1]), float(moments[m, 2]), float(moments[m, 3])
+            if n == 0:
+                continue
+            # The neighbour's points lie at +(a, b, c) from where its moments have them.
+            a, b, c = dx * size_m, dy * size_m, dz * size_m
+            windows[i, 0] += n
+            windows[i, 1] += sx + n * a
+            windows[i, 2] += sy + n * b
+            windows[i, 3] += sz + n * c
+            windows[i, 4] += moments[m, 4] + 2 * a * sx + n * a * a
+            windows[i, 5] += moments[m, 5] + a * sy + b * sx + n * a * b
+            windows[i, 6] += moments[m, 6] + a * sz + c * sx + n * a * c
+            windows[i, 7] += moments[m, 7] + 2 * b * sy + n * b * b
+            windows[i, 8] += moments[m, 8] + b * sz + c * sy + n * b * c
+            windows[i, 9] += moments[m, 9] + 2 * c * sz + n * c * c
     return windows
-
-
-@kernel
-def _add_shifted(total: Floats, m: Singles, a: float, b: float, c: float) -> None:
-    """Writes total [10]: adds the moments m [10] of points that lie at +(a, b, c) from where m has them."""
-    n, x, y, z = float(m[0]), float(m[1]), float(m[2]), float(m[3])
-    total[0] += n
-    total[1] += x + n * a
-    total[2] += y + n * b
-    total[3] += z + n * c
-    total[4] += m[4] + 2 * a * x + n * a * a
-    total[5] += m[5] + a * y + b * x + n * a * b
-    total[6] += m[6] + a * z + c * x + n * a * c
-    total[7] += m[7] + 2 * b * y + n * b * b
-    total[8] += m[8] + b * z + c * y + n * b * c
-    total[9] += m[9] + 2 * c * z + n * c * c
 
 
 @kernel
@@ -355,9 +348,9 @@ def select(
     count = 0
     for row in range(len(structure)):
         if structure[row] == wanted:
-            facing = normal[coarse[row]]
-            if facing[0] != 0 or facing[1] != 0 or facing[2] != 0:
-                points[count] = mean[row]
-                normals[count] = facing
+            x, y, z = normal[coarse[row], 0], normal[coarse[row], 1], normal[coarse[row], 2]
+            if x != 0 or y != 0 or z != 0:
+                points[count, 0], points[count, 1], points[count, 2] = mean[row, 0], mean[row, 1], mean[row, 2]
+                normals[count, 0], normals[count, 1], normals[count, 2] = x, y, z
                 count += 1
     return points[:count].copy(), normals[:count].copy()

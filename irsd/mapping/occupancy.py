@@ -28,6 +28,7 @@ FLOOR, CEILING = SLICES, SLICES + 1  # layers that count sightings of the floor 
 LAYERS = SLICES + 2
 _CHUNK_M = 6.4  # grids grow by whole chunks, so that reallocation is rare
 _NONE = 255
+_DEPTH = 32  # layers with padding: four words of memory
 
 
 @dataclass(frozen=True)
@@ -100,12 +101,12 @@ class PlanArea:
 
 
 class SliceGrid:
-    """The single writer of the log-odds, int8 [H, W, LAYERS]. Layers FLOOR and CEILING count sightings up to a clamp."""
+    """The single writer of the log-odds, int8 [H, W, 32]. Layers FLOOR and CEILING count sightings up to a clamp."""
 
     def __init__(self, settings: OccupancySettings) -> None:
         self.settings = settings
         self.area = PlanArea(settings.resolution_m, settings.max_area_m2)
-        self.odds: NDArray[np.int8] = np.zeros((0, 0, LAYERS), np.int8)
+        self.odds: NDArray[np.int8] = np.zeros((0, 0, _DEPTH), np.int8)
 
     def integrate(
         self,
@@ -117,7 +118,7 @@ class SliceGrid:
         turn: int,
     ) -> tuple[float, float, float, float] | None:
         """One scan [N, 3] seen from origin [3]; returns the box (xmin, ymin, xmax, ymax) whose class changed, or None."""
-        table, base_m = self._slice_table(floor_z_m, ceiling_z_m)
+        bits, base_m = self._slice_bits(floor_z_m, ceiling_z_m)
         window = self._window(points, origin, base_m)
         if window is None:
             return None
@@ -126,8 +127,8 @@ class SliceGrid:
         slice_m = (s.body_high_m - s.body_low_m) / BODY_SLICES
         rays = Rays(turn % stride, stride, s.resolution_m, s.ray_range_m, slice_m)
         hit, passed = np.zeros((2, window.height, window.width), np.uint32)
-        ray_kernels.mark_points(hit, window, table, points)
-        ray_kernels.mark_rays(passed, window, table, origin, points, level, rays)
+        ray_kernels.mark_points(hit, window, bits, points)
+        ray_kernels.mark_rays(passed, window, bits, origin, points, level, rays)
         if (radius := round(s.footprint_m / s.resolution_m)) > 0:  # the robot stands here, so its body slices are free
             row, col = (self.area.cells_of(origin[None, :])[0] - (window.row, window.col)).tolist()
             ray_kernels.mark_disc(passed, row, col, radius, BODY_SLICES)
@@ -159,8 +160,8 @@ class SliceGrid:
         y_m, x_m, base, scale = np.array([*corner, base_m, 1 / resolution], np.float32)
         return Window(row, col, height, width, x_m, y_m, base, scale)
 
-    def _slice_table(self, floor_z_m: float, ceiling_z_m: float | None) -> tuple[NDArray[np.uint8], float]:
-        """Layer of every 1 cm of height (255 = none), and the height at which the table starts."""
+    def _slice_bits(self, floor_z_m: float, ceiling_z_m: float | None) -> tuple[ray_kernels.Bits, float]:
+        """Layer, as a bit, of every 1 cm of height (0 = none), and the height at which the table starts."""
         s = self.settings
         below = 0.25  # the table starts this far below the floor: what lies there (a stair down) is not floor
         top = 8.0
@@ -176,7 +177,7 @@ class SliceGrid:
         table[0] = table[-1] = _NONE  # whatever is lower or higher is clipped to the ends
         if ceiling_z_m is not None:
             table[:-1][height[:-1] > ceiling_z_m - floor_z_m - s.ceiling_margin_m] = CEILING
-        return table, floor_z_m - below
+        return np.where(table == _NONE, 0, 1 << table.astype(np.int64) % 32).astype(np.uint32), floor_z_m - below
 
     # ------------------------------------------------------------------------------------------------ reading
     def navigation(self) -> tuple[GridFrame, NDArray[np.int8]]:
@@ -184,14 +185,14 @@ class SliceGrid:
 
         A ray that passes high says nothing of what stands below it: behind a kitchen counter's edge is not free.
         """
-        low, _, highest, _, _, _, floor, _ = ray_kernels.summary(self.odds, LOW_SLICES, BODY_SLICES)
+        low, _, highest, _, _, _, floor, _ = ray_kernels.summary(self.odds, LOW_SLICES, BODY_SLICES, LAYERS)
         free = (low < 0) | (floor > 0)
         cells = np.where(highest >= self.settings.occupied, np.int8(100), np.where(free, np.int8(0), np.int8(-1)))
         return self.area.frame, cells
 
     def layers(self) -> tuple[GridFrame, dict[str, NDArray[np.bool_]]]:
         """Boolean [H, W] layers: wall, free, low, known, lintel (structure between door height and ceiling)."""
-        planes = ray_kernels.summary(self.odds, LOW_SLICES, BODY_SLICES)
+        planes = ray_kernels.summary(self.odds, LOW_SLICES, BODY_SLICES, LAYERS)
         _, lowest, highest, tall, above, upper, floor, ceiling = planes
         limit = self.settings.occupied
         low, wall, lintel = highest >= limit, above >= limit, upper >= limit

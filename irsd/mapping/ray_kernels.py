@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from irsd.core.jit import kernel
 
 Marks = NDArray[np.uint32]  # by cell of the window; bit l stands for layer l
+Bits = NDArray[np.uint32]  # the layer's bit (0: none) of every centimetre of height
 
 
 class Window(NamedTuple):
     """The part of the grid that a scan can touch: cells (of the grid) and, float32, its corner in metres and cells per metre.
 
-    base_m: height at which the table of layers starts; it has one entry per centimetre.
+    base_m: height at which the table of layer bits starts.
     """
 
     row: int
@@ -58,28 +59,29 @@ class Steps(NamedTuple):
 
 
 @kernel
-def _mark(marks: Marks, window: Window, table: NDArray[np.uint8], x: np.float32, y: np.float32, z: np.float32) -> None:
-    """Writes marks: the bit of the layer (32 and above: none) in the cell that holds a point."""
+def _place(window: Window, entries: int, x: np.float32, y: np.float32, z: np.float32) -> tuple[int, int, int]:
+    """The window's (row, col) at a point, (-1, -1) outside, and the place of its height among the table's entries."""
     # One is added before truncation, so that what lies left of the window gives 0 and not -0.3 -> 0.
     col = np.int32((x - window.x_m) * window.scale + np.float32(1))
     row = np.int32((y - window.y_m) * window.scale + np.float32(1))
+    step = np.int32((z - window.base_m) * np.float32(100))
     if 0 < col <= window.width and 0 < row <= window.height:
-        step = int((z - window.base_m) * np.float32(100))
-        layer = table[min(max(step, 0), len(table) - 1)]
-        if layer < 32:
-            marks[row - 1, col - 1] |= np.uint32(1) << np.uint32(layer)
+        return int(row) - 1, int(col) - 1, min(max(int(step), 0), entries - 1)
+    return -1, -1, 0
 
 
 @kernel
-def mark_points(marks: Marks, window: Window, table: NDArray[np.uint8], points: NDArray[np.float32]) -> None:
-    """Writes marks [h, w]: the cells that hold points [N, 3]. table: layer of each centimetre of height, 255 = none."""
+def mark_points(marks: Marks, window: Window, bits: Bits, points: NDArray[np.float32]) -> None:
+    """Writes marks [h, w]: the cells that hold points [N, 3]."""
     for i in range(len(points)):
-        _mark(marks, window, table, points[i, 0], points[i, 1], points[i, 2])
+        row, col, step = _place(window, len(bits), points[i, 0], points[i, 1], points[i, 2])
+        if row >= 0:
+            marks[row, col] |= bits[step]
 
 
 @kernel
 def mark_rays(
-    marks: Marks, window: Window, table: NDArray[np.uint8], origin: NDArray[np.float64],
+    marks: Marks, window: Window, bits: Bits, origin: NDArray[np.float64],
     points: NDArray[np.float32], level: NDArray[np.bool_], rays: Rays,
 ) -> None:  # fmt: skip
     """Writes marks [h, w]: what the rays origin [3] -> points [N, 3] pass. level [N]: the point lies on level surface."""
@@ -96,7 +98,9 @@ def mark_rays(
         sz = np.float32(dz / divisor * rays.step_m)
         for k in range(int(min(length - short, rays.range_m) / rays.step_m)):
             far = np.float32(k + 1)
-            _mark(marks, window, table, x0 + sx * far, y0 + sy * far, z0 + sz * far)
+            row, col, step = _place(window, len(bits), x0 + sx * far, y0 + sy * far, z0 + sz * far)
+            if row >= 0:
+                marks[row, col] |= bits[step]
 
 
 @kernel
@@ -141,22 +145,23 @@ def apply_marks(
 
 
 @kernel
-def summary(odds: NDArray[np.int8], low: int, body: int) -> NDArray[np.int8]:
-    """[3 + layers - body, H, W] of odds [H, W, layers]: least of the lowest ``low`` layers, least and greatest of the
+def summary(odds: NDArray[np.int8], low: int, body: int, layers: int) -> NDArray[np.int8]:
+    """[3 + layers - body, H, W] of odds [H, W, 32]: least of the lowest ``low`` layers, least and greatest of the
     lowest ``body`` ones, then the layers above as they are."""
-    height, width, layers = odds.shape
+    height, width, _ = odds.shape
+    words = odds.view(np.int64)  # most of the grid was never seen: four words tell
     planes = np.zeros((3 + layers - body, height, width), np.int8)
     for row in range(height):
         for col in range(width):
-            cell = odds[row, col]
-            least = most = cell[0]
+            if not (words[row, col, 0] | words[row, col, 1] | words[row, col, 2] | words[row, col, 3]):
+                continue
+            least = most = odds[row, col, 0]
+            for layer in range(low):
+                least = min(least, odds[row, col, layer])
+            planes[0, row, col] = least
             for layer in range(body):
-                value = cell[layer]
-                least = min(least, value)
-                most = max(most, value)
-                if layer == low - 1:
-                    planes[0, row, col] = least
+                least, most = min(least, odds[row, col, layer]), max(most, odds[row, col, layer])
             planes[1, row, col], planes[2, row, col] = least, most
             for layer in range(body, layers):
-                planes[3 + layer - body, row, col] = cell[layer]
+                planes[3 + layer - body, row, col] = odds[row, col, layer]
     return planes
