@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from irsd.rooms.kernels import trace
+
 FloatArray = NDArray[np.float64]
 
 # Rays around a corner: fine enough that a local minimum of their length is the foot of the perpendicular within a cell or two.
@@ -43,15 +45,22 @@ class Corners:
 @dataclass(frozen=True, slots=True)
 class Cuts:
     """Candidate cuts. ends: float64 [N, 2, 2] cell centres; width: float64 [N], cells between the walls at both ends;
-    ratio: float64 [N], width / width of free space behind it on its narrower side, both along the cut (1 = no constriction)."""
+    ratio: float64 [N], width / width of free space behind it on its narrower side, both along the cut (1 = no constriction),
+    times favour: float64 [N], below 1 when more than being narrow speaks for the cut."""
 
     ends: FloatArray
     width: FloatArray
     ratio: FloatArray
+    favour: FloatArray
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Cuts:
         """The cuts at ``index``."""
-        return Cuts(self.ends[index], self.width[index], self.ratio[index])
+        return Cuts(self.ends[index], self.width[index], self.ratio[index], self.favour[index])
+
+    def favoured(self, which: NDArray[np.bool_], factor: float) -> Cuts:
+        """The cuts, those at ``which`` made likelier."""
+        factors = np.where(which, factor, 1.0)
+        return Cuts(self.ends, self.width, self.ratio * factors, self.favour * factors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,22 +86,9 @@ def clearance(space: NDArray[np.bool_]) -> NDArray[np.float32]:
 def free_length(dist: NDArray[np.float32], start: FloatArray, direction: FloatArray, limit: float) -> FloatArray:
     """How far rays run in free space, in cells: float64 [N], at most ``limit``.
 
-    start, direction: [N, 2] (x, y), unit directions. Sphere tracing on ``clearance``: a step never leaves the free disc.
+    start, direction: [N, 2] (x, y), unit directions.
     """
-    height, width = dist.shape
-    length = np.zeros(len(start))
-    active = np.arange(len(start))
-    while len(active):
-        at = np.rint(start[active] + direction[active] * length[active, None]).astype(np.int64)
-        x, y = at[:, 0], at[:, 1]
-        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-        here = np.where(inside, dist[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)], 0.0)
-        free = here > 0
-        active, here = active[free], here[free]
-        # A cell's clearance is measured from its centre, up to 0.71 cells from the ray.
-        length[active] += np.maximum(here - 1.0, 0.5)
-        active = active[length[active] < limit]
-    return np.minimum(length, limit)
+    return np.asarray(trace(dist, np.ascontiguousarray(start), np.ascontiguousarray(direction), float(limit)))
 
 
 def find_corners(space: NDArray[np.bool_], solid: NDArray[np.bool_], tolerance: float) -> Corners:
@@ -303,16 +299,16 @@ def find_cuts(dist: NDArray[np.float32], corners: Corners, reach: Reach, lintel:
     ends = ends[size >= 1]
     ends = ends[_tautness(ends, dist, reach.taut) >= _TAUT]
     if not len(ends):
-        return Cuts(ends, np.zeros(0), np.zeros(0))
+        return Cuts(ends, np.zeros(0), np.zeros(0), np.zeros(0))
     width = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 1.0  # from wall to wall: half a cell more at both ends
-    ratio = _ratio(ends, width, dist, reach.depths)
-    ratio = np.where(in_wall_line(ends, corners, reach.jamb), ratio * _IN_WALL_LINE, ratio)
+    cuts = Cuts(ends, width, _ratio(ends, width, dist, reach.depths), np.ones(len(ends)))
+    cuts = cuts.favoured(in_wall_line(ends, corners, reach.jamb), _IN_WALL_LINE)
     if lintel is not None:
         thick = cv2.dilate(lintel.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         above = share_of(thick, ends, 0.0) >= _LINTEL_SHARE
         open_beside = np.minimum(share_of(lintel, ends, reach.taut), share_of(lintel, ends, -reach.taut)) <= 0.3
-        ratio = np.where(above & open_beside, ratio * _UNDER_LINTEL, ratio)
-    return Cuts(ends, width, ratio)
+        cuts = cuts.favoured(above & open_beside, _UNDER_LINTEL)
+    return cuts
 
 
 def without_crossings(cuts: Cuts, near: float) -> Cuts:
@@ -336,12 +332,14 @@ def preferring(cuts: Cuts, before: FloatArray, near: float) -> Cuts:
     stood = np.zeros(len(cuts.ends), bool)
     for ends in before:
         stood |= _same(ends, cuts.ends, near)
-    return Cuts(cuts.ends, cuts.width, np.where(stood, cuts.ratio * _STOOD, cuts.ratio))
+    return cuts.favoured(stood, _STOOD)
 
 
 def joined(rounds: Sequence[Cuts]) -> Cuts:
     """All cuts of several finds."""
-    return Cuts(*(np.concatenate([getattr(cuts, name) for cuts in rounds]) for name in ("ends", "width", "ratio")))
+    return Cuts(
+        *(np.concatenate([getattr(cuts, name) for cuts in rounds]) for name in ("ends", "width", "ratio", "favour"))
+    )
 
 
 def drawn(cuts: Cuts, shape: tuple[int, ...]) -> NDArray[np.bool_]:

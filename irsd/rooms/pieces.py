@@ -1,12 +1,15 @@
-"""Space cut into pieces, and pieces merged back to rooms where no wall speaks for the cut between them."""
+"""Space cut into pieces: which cuts are tried, and which pieces face each other across them."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.rooms import cuts as cutting
+from irsd.rooms import kernels
 from irsd.rooms.cuts import Cuts, Reach
 from irsd.rooms.settings import SegmentSettings
 
@@ -44,13 +47,25 @@ def choose_cuts(
     return cutting.joined(rounds)
 
 
-def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Cut space along the cuts. Returns labels int32 [H, W] (0 = wall or cut) and borders int64 [B, 4]:
-    (piece, piece, index of the cut, cells of it between the two), first piece < second."""
-    canvas = (space & ~cutting.drawn(cuts, space.shape)).astype(np.uint8)
+@dataclass(frozen=True, slots=True)
+class Borders:
+    """Where two pieces face each other across a cut. pieces: int64 [B, 2], the first is less; cut: int64 [B], its index; cells:
+    int64 [B], of the cut between the two; middle: float64 [B, 2] (x, y) of these; hand: float64 [B], +1 where the first piece
+    is to the left of the cut, -1 where it is to the right."""
+
+    pieces: NDArray[np.int64]
+    cut: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    middle: NDArray[np.float64]
+    hand: NDArray[np.float64]
+
+
+def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32], Borders]:
+    """Cut space along the cuts. Returns the pieces, int32 [H, W] (0 = wall, -1 = cut), and their borders."""
+    lines = cutting.drawn(cuts, space.shape)
+    canvas = (space & ~lines).astype(np.uint8)
     pieces = _in_reading_order(np.asarray(cv2.connectedComponents(canvas, connectivity=4)[1], np.int32))
-    if not len(cuts.ends):
-        return pieces, np.zeros((0, 4), np.int64)
+    pieces[space & lines] = kernels.CUT
     size = np.linalg.norm(cuts.ends[:, 1] - cuts.ends[:, 0], axis=1)
     steps = np.ceil(size).astype(np.int64) + 1
     which = np.repeat(np.arange(len(steps)), steps)
@@ -66,8 +81,14 @@ def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32],
     low, high = np.minimum(*sides), np.maximum(*sides)
     real = (low > 0) & (low != high)
     rows = np.stack([low[real], high[real], which[real]], axis=1).astype(np.int64)
-    unique, counts = np.unique(rows, axis=0, return_counts=True)
-    return pieces, np.column_stack([unique, counts]).astype(np.int64).reshape(-1, 4)
+    unique, inverse, cells = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    columns = (at[real, 0], at[real, 1], np.where(sides[0][real] == low[real], 1.0, -1.0))
+    inverse = inverse.reshape(-1)
+    x, y, hand_sum = (np.bincount(inverse, weights=c, minlength=len(unique)) for c in columns)
+    middle = np.stack([x, y], axis=1) / np.maximum(cells, 1)[:, None]
+    return pieces, Borders(
+        unique[:, :2], unique[:, 2], cells.astype(np.int64), middle, np.where(hand_sum >= 0, 1.0, -1.0)
+    )
 
 
 def _in_reading_order(labels: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -79,105 +100,3 @@ def _in_reading_order(labels: NDArray[np.int32]) -> NDArray[np.int32]:
     number = np.empty(len(first), np.int32)
     number[np.argsort(first, kind="stable")] = np.arange(len(first))
     return np.asarray(number[labels])
-
-
-def merge_pieces(
-    pieces: NDArray[np.int32],
-    borders: NDArray[np.int64],
-    cuts: Cuts,
-    dist: NDArray[np.float32],
-    settings: SegmentSettings,
-    resolution_m: float,
-) -> NDArray[np.int32]:
-    """Room number of every piece, int32 [pieces + 1], 0 = none; numbered by their first piece.
-
-    The weakest border goes first, while it is above ``constriction``; then pieces that are too small for a room go to the
-    neighbour they are most open to.
-    """
-    graph = _PieceGraph(pieces, borders, cuts, dist, settings, resolution_m)
-    graph.merge_weak()
-    graph.merge_small()
-    root = graph.roots()
-    kept = (graph.area[root] >= settings.min_room_m2) & (root > 0)
-    numbers = np.unique(root[kept])
-    room_of = np.zeros(len(root), np.int32)
-    room_of[kept] = np.searchsorted(numbers, root[kept]) + 1
-    return room_of
-
-
-class _PieceGraph:
-    """Pieces and the borders between them while they merge. Works on plain numbers: there are hundreds, not thousands.
-
-    A border is as weak as its widest cut: the lesser of the cut's own ratio and of its width / the diameter of the largest disc
-    that fits in the smaller piece.
-    """
-
-    def __init__(
-        self,
-        pieces: NDArray[np.int32],
-        borders: NDArray[np.int64],
-        cuts: Cuts,
-        dist: NDArray[np.float32],
-        settings: SegmentSettings,
-        resolution_m: float,
-    ) -> None:
-        self._settings = settings
-        self.count = int(pieces.max(initial=0))
-        flat = pieces.ravel()
-        self.area = np.bincount(flat, minlength=self.count + 1) * resolution_m**2
-        self._disc = np.zeros(self.count + 1)
-        np.maximum.at(self._disc, flat, 2.0 * dist.ravel())
-        self._rim = np.bincount(pieces[(pieces > 0) & (dist < 1.5)], minlength=self.count + 1).astype(float)
-        self._parent = list(range(self.count + 1))
-        self._near: list[dict[int, tuple[float, float]]] = [{} for _ in range(self.count + 1)]
-        for a, b, cut, cells in borders[borders[:, 3] >= 2].tolist():
-            ratio, width = self._near[a].get(b, (0.0, 0.0))
-            ratio = max(ratio, float(cuts.ratio[cut]))
-            width += min(cells + 1.0, float(cuts.width[cut]))
-            self._near[a][b] = self._near[b][a] = (ratio, width)
-
-    def merge_weak(self) -> None:
-        """Join the pieces at the weakest border until all that are left are constrictions."""
-        while True:
-            urges = ((*self._urge(a), a) for a in range(1, self.count + 1) if self._near[a])
-            strongest, b, a = max(urges, key=lambda u: (u[0], -u[2]), default=(0.0, 0, 0))
-            if strongest <= self._settings.constriction:
-                return
-            self._join(a, b)
-
-    def merge_small(self) -> None:
-        """Give pieces that are too small for a room to the neighbour they are most open to."""
-        for a in sorted(range(1, self.count + 1), key=lambda k: (self.area[k], k)):
-            if self._parent[a] == a and self.area[a] < self._settings.min_room_m2 and self._near[a]:
-                self._join(a, max(self._near[a], key=lambda b: (self._weakness(a, b), self.area[b], -b)))
-
-    def roots(self) -> NDArray[np.intp]:
-        """The piece that every piece [count + 1] has become a part of."""
-        root = np.array(self._parent, np.intp)
-        while (root[root] != root).any():
-            root = root[root]
-        return root
-
-    def _weakness(self, a: int, b: int) -> float:
-        ratio, width = self._near[a][b]
-        return min(ratio, width / max(float(min(self._disc[a], self._disc[b])), 1e-9))
-
-    def _urge(self, a: int) -> tuple[float, int]:
-        """The weakest border of a piece and whom it leads to; a piece that is mostly open wants to join, whatever the border."""
-        weakest, b = max((self._weakness(a, b), -b) for b in self._near[a])
-        total = sum(width for _, width in self._near[a].values())
-        opened = float(total / (total + self._rim[a])) if self.area[a] < self._settings.hall_m2 else 0.0
-        return max(weakest, self._settings.constriction * opened / self._settings.open_rim), -b
-
-    def _join(self, a: int, b: int) -> None:
-        keep, gone = min(a, b), max(a, b)
-        self._parent[gone] = keep
-        self._disc[keep] = max(self._disc[keep], self._disc[gone])
-        self.area[keep] += self.area[gone]
-        self._rim[keep] += self._rim[gone]
-        for c, (ratio, width) in self._near[gone].items():
-            del self._near[c][gone]
-            if c != keep:
-                other = self._near[keep].get(c, (0.0, 0.0))
-                self._near[keep][c] = self._near[c][keep] = (max(ratio, other[0]), width + other[1])
-        self._near[gone] = {}

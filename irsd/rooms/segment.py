@@ -2,7 +2,7 @@
 
 1. ``space``: what is free, walls closed where nobody can pass, small free-standing things and unseen specks filled in.
 2. ``cuts`` and ``pieces.choose_cuts``: straight cuts at jambs, wall ends, along wall lines and under lintels.
-3. ``pieces.merge_pieces``: pieces grow together, the weakest cut first, until every cut that is left is a constriction.
+3. ``merge.merge_pieces``: pieces grow together, the weakest cut first, until every cut that is left is a constriction.
 4. Here: rooms without walls around them are dropped, footprints drawn out to the walls, the cuts that are left are openings.
 """
 
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from irsd.core.grid import GridFrame
 from irsd.core.types import Opening, PlanEvidence, RoomFootprint, RoomSegmentation
 from irsd.rooms.cuts import Cuts, clearance
+from irsd.rooms.merge import merge_pieces
 from irsd.rooms.outline import outline
-from irsd.rooms.pieces import choose_cuts, cut_pieces, merge_pieces
+from irsd.rooms.pieces import choose_cuts, cut_pieces
 from irsd.rooms.settings import SegmentSettings
 from irsd.rooms.space import Plan, open_space, solid_walls
 
@@ -76,10 +77,12 @@ def segment(
     pieces, borders = cut_pieces(space, chosen)
     room_of = merge_pieces(pieces, borders, chosen, dist, settings, resolution)
     # Closing walls rounded the corners of rooms off: what is free there belongs to the room beside.
-    labels = _filled(np.asarray(room_of[pieces]), space | (plan.free & plan.wall), _CORNER_M / resolution)
+    labels = _filled(
+        np.asarray(room_of[np.maximum(pieces, 0)]), space | (plan.free & plan.wall), _CORNER_M / resolution
+    )
     labels = _supported(labels, solid, space, settings, resolution)
     _, rooms = _footprints(labels, frame, settings, heights)
-    left = np.unique(borders[room_of[borders[:, 0]] != room_of[borders[:, 1]], 2]).tolist()
+    left = np.unique(borders.cut[room_of[borders.pieces[:, 0]] != room_of[borders.pieces[:, 1]]]).tolist()
     openings = openings_between(labels, frame, _cut_openings(frame, chosen, left))
     return RoomSegmentation(frame, labels, rooms, openings)
 

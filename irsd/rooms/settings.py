@@ -26,6 +26,12 @@ class SegmentSettings:
     door_max_m: float = setting(
         1.3, "doors are up to this wide; wider openings are looked for with doors closed", lo=0.5, hi=3.0
     )
+    mouth: float = setting(
+        0.45,
+        "a passage ends where it opens into a hall: at a mouth below this part of the hall's width",
+        lo=0.0,
+        hi=1.0,
+    )
     open_rim: float = setting(0.4, "a piece with more of its rim open to others is part of one of them", lo=0.1, hi=1.0)
     hall_m2: float = setting(20.0, "a piece of this size is a room or a hall, however open its rim", lo=1.0, hi=1000.0)
     furniture_m: float = setting(1.0, "a free-standing thing up to this long is furniture, not a wall", lo=0.0, hi=3.0)
