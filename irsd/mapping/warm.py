@@ -10,7 +10,7 @@ from irsd.mapping.voxels import VoxelSettings
 
 
 def warm_up() -> None:
-    """Map two small scans and read every product. About 40 s of one core when nothing is cached, else well below 1 s.
+    """Map two small scans and read every product. About 20 s of one core when nothing is cached, else about 0.5 s.
 
     Where compiled code is kept, also for a read-only installation: see ``irsd.core.jit``.
     """
