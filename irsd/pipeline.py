@@ -25,6 +25,7 @@ from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
 from irsd.mapping.mapper import Mapper
+from irsd.mapping.warm import warm_up
 from irsd.perception.encoder import LabelEncoder
 from irsd.rooms.stage import RoomStage
 
@@ -45,6 +46,7 @@ class MapPipeline:
     """Owns map, rooms, instances and graph; the only writer of all four. Not thread-safe: one thread calls it."""
 
     def __init__(self, settings: PipelineSettings, labels: LabelEncoder, *, map_id: str, frame: str = "map") -> None:
+        warm_up()  # compiled kernels are loaded now, not in the first frame
         self._settings = settings
         self._mapper = Mapper(settings.mapping)
         self._room_stage = RoomStage(settings.rooms)
