@@ -13,12 +13,14 @@ install: $(STAMP)  ## make .venv with the locked dependencies and irsd in it
 
 $(STAMP): requirements.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): apt-get install python3.11 python3.11-venv, or make PYTHON=python3.x"; exit 1; }
-	@echo "[1/3] virtual environment in $(VENV)"
+	@echo "[1/4] virtual environment in $(VENV)"
 	@$(PYTHON) -m venv $(VENV) || { echo "venv failed: apt-get install python3.11-venv"; exit 1; }
-	@echo "[2/3] locked dependencies (about 350 MB to download the first time)"
+	@echo "[2/4] locked dependencies (about 350 MB to download the first time)"
 	@$(BIN)/python -m pip install --disable-pip-version-check --no-deps -r requirements.lock
-	@echo "[3/3] irsd itself"
+	@echo "[3/4] irsd itself"
 	@$(BIN)/python -m pip install --disable-pip-version-check -q --no-deps --no-build-isolation -e .
+	@echo "[4/4] compiling kernels, once (half a minute)"
+	@$(BIN)/python -m irsd.warm
 	@touch $@
 
 demo: install  ## the main job on the embedded world: explore, build the graph, drive to the TV

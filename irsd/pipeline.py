@@ -25,9 +25,9 @@ from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
 from irsd.mapping.mapper import Mapper
-from irsd.mapping.warm import warm_up
 from irsd.perception.encoder import LabelEncoder
 from irsd.rooms.stage import RoomStage
+from irsd.warm import warm_up
 
 NS_PER_S = 1_000_000_000
 

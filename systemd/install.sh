@@ -15,6 +15,10 @@ python=${PYTHON:-python3}
 
 install -D -m 0644 "$here/irsd.sysusers.conf" /usr/lib/sysusers.d/irsd.conf
 systemd-sysusers /usr/lib/sysusers.d/irsd.conf
+# compiled kernels: made once now, so that the first start is not late
+install -d /var/cache/irsd
+NUMBA_CACHE_DIR=/var/cache/irsd /opt/irsd/bin/python -m irsd.warm
+chown -R irsd:irsd /var/cache/irsd
 install -d -m 0755 /etc/irsd
 for name in irsd.yaml nav_bridge.yaml; do
     # what the operator has written stays
