@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 
 from irsd.core.types import DeskewedScan, Rooms, SyncedFrame
 from irsd.mapping.mapper import Mapper, MappingSettings
-from irsd.rooms.segment import segment_map
+from irsd.rooms.algorithm1 import box_map
+from irsd.rooms.segment import FREE_FROM, segment_map
 from irsd.rooms.stage import RoomSettings, RoomStage
 
 HERE = Path(__file__).resolve().parent
@@ -111,8 +112,8 @@ def run_drive(drive: Path, settings: RoomSettings, scorer: ModuleType, upto: int
         update = mapper.integrate(frame)
         middle = time.process_time()
         if rooms is None or update.changed_xy_m is not None:
-            points, normals = mapper.wall_points()
-            rooms = stage.update(mapper.plan_evidence(), points, normals)
+            x, y = frame.map_T_base[:2, 3].tolist()
+            rooms = stage.follow(mapper, (x, y))
             lineage += rooms.lineage
         end = time.process_time()
         mapping_ms.append(1e3 * (middle - start))
@@ -172,6 +173,8 @@ def run_maps(folder: Path, settings: RoomSettings, scorer: ModuleType) -> dict[s
 
 
 def labels_of_map(image: NDArray[np.uint8], settings: RoomSettings) -> NDArray[np.int32]:
+    if settings.method == "irs":
+        return box_map(image >= FREE_FROM, RESOLUTION_M, settings).labels
     return segment_map(image, RESOLUTION_M, settings.segment).labels
 
 
@@ -256,7 +259,7 @@ def tables(data: Path, sets: list[str], methods: list[str], verbose: bool) -> di
 
 
 def settings_of(method: str) -> RoomSettings:
-    return RoomSettings()
+    return RoomSettings(method=method)
 
 
 def main() -> int:

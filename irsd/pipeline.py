@@ -70,7 +70,8 @@ class MapPipeline:
         # 2. Rooms, when the plan has changed and their period is over.
         if self._plan_changed and frame.stamp_ns >= self._rooms_due_ns:
             with _timed(ms, "rooms"):
-                self._segment_rooms()
+                x, y = frame.map_T_base[:2, 3].tolist()
+                self._rooms = self._room_stage.follow(self._mapper, (x, y))
             self._rooms_due_ns = frame.stamp_ns + round(self._settings.pace.rooms_period_s * NS_PER_S)
 
         # 3. What the cameras saw: masks to 3D points, points to instances.
@@ -97,7 +98,8 @@ class MapPipeline:
         ms: dict[str, float] = {}
         if self._plan_changed:
             with _timed(ms, "rooms"):
-                self._segment_rooms()
+                self._rooms = self._room_stage.update(self._mapper.plan_evidence(), *self._mapper.wall_points())
+                self._plan_changed = False
         delta = self._commit(stamp_ns, ms)
         update = MapUpdate(0, stamp_ns, np.zeros(0, np.int32), 0.0, None, None)
         return StepResult(update, delta, self._graph.snapshot(), ms)
@@ -129,12 +131,6 @@ class MapPipeline:
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
         return {**self._mapper.counters()}
-
-    def _segment_rooms(self) -> None:
-        points, normals = self._mapper.wall_points()
-        self._rooms = self._room_stage.update(self._mapper.plan_evidence(), points, normals)
-        self._memory.follow_rooms(self._rooms)
-        self._plan_changed = False
 
     def _commit(self, stamp_ns: int, ms: dict[str, float]) -> GraphDelta | None:
         with _timed(ms, "fusion"):

@@ -164,7 +164,7 @@ class PlanEvidence:
     wall: bool [H, W], structure stands here above furniture height. free: bool [H, W], rays passed or the floor/ceiling was
     seen here and nothing stands above furniture height. low: bool [H, W], something stands here at robot height.
     known: bool [H, W], anything was seen. All on ``frame``. lintel: bool [H, W] or None, structure stands here between the height of
-    doors and the ceiling (a lintel, a step of the ceiling, the upper part of a wall).
+    doors and the ceiling (a lintel, a step of the ceiling, the upper part of a wall). floor: index of the building's floor.
     """
 
     frame: GridFrame
@@ -175,28 +175,37 @@ class PlanEvidence:
     floor_z_m: float
     ceiling_z_m: float | None
     lintel: NDArray[np.bool_] | None = None
+    floor: int = 0
 
 
 # --------------------------------------------------------------------------------------- rooms
 @dataclass(frozen=True, slots=True)
 class RoomFootprint:
-    """One room's place: polygon_xy float64 [K, 2] metres counter-clockwise, not closed; aabb_xy (xmin, ymin, xmax, ymax)."""
+    """One room's place: polygon_xy float64 [K, 2] metres counter-clockwise, not closed; aabb_xy (xmin, ymin, xmax, ymax).
+
+    floor: index of the building's floor that the room is on, in the order in which floors were found.
+    """
 
     polygon_xy: NDArray[np.float64]
     aabb_xy: tuple[float, float, float, float]
     area_m2: float
     floor_z_m: float
     ceiling_z_m: float | None
+    floor: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """Where one can pass between two rooms: rooms are indices (in a segmentation) of the two sides; segment_xy float64 [2, 2]."""
+    """Where one can pass between two rooms: rooms are indices (in a segmentation) of the two sides; segment_xy float64 [2, 2].
+
+    traversed: the robot went through itself, it was not just seen.
+    """
 
     rooms: tuple[int, int]
     position_xy: tuple[float, float]
     width_m: float
     segment_xy: NDArray[np.float64]
+    traversed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +220,8 @@ class RoomSegmentation:
 
 @dataclass(frozen=True, slots=True)
 class Rooms:
-    """Rooms with stable ids. ids: int per room, parallel to ``footprints``; labels: int32 [H, W] of ids (0 = none).
+    """Rooms with stable ids. ids: int per room, parallel to ``footprints``, of all floors; labels: int32 [H, W] of ids (0 = none) on
+    the floor where the robot is.
 
     openings: Opening.rooms hold room ids. lineage: lines such as ``R4 split into R4, R9`` of this update.
     """

@@ -80,7 +80,7 @@ class Reach:
 def clearance(space: NDArray[np.bool_]) -> NDArray[np.float32]:
     """float32 [H, W]: cells to the nearest cell that is not space (0 there). Outside the grid nothing is space."""
     padded = np.pad(space, 1).astype(np.uint8)
-    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1], np.float32)
+    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1], np.float32)
 
 
 def free_length(dist: NDArray[np.float32], start: FloatArray, direction: FloatArray, limit: float) -> FloatArray:

@@ -87,3 +87,51 @@ def width_behind(
         return 0.0
     ordered = np.sort(across[:count])
     return float(ordered[(count - 1) // 2])
+
+
+@njit(cache=True)
+def piece_stats(
+    piece: NDArray[np.int32], dist: NDArray[np.float32], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Of every piece 0 .. count: its cells, the diameter of the largest disc of free space around one of its cells, in cells, and
+    how many of its cells touch a wall. piece: int32 [H, W]; dist: clearance of the whole space [H, W]."""
+    cells, disc, rim = np.zeros(count + 1, np.int64), np.zeros(count + 1), np.zeros(count + 1)
+    for row in range(piece.shape[0]):
+        for column in range(piece.shape[1]):
+            number = piece[row, column]
+            if number <= 0:
+                continue
+            here = dist[row, column]
+            cells[number] += 1
+            disc[number] = max(disc[number], 2.0 * here)
+            if here < 1.5:
+                rim[number] += 1.0
+    return cells, disc, rim
+
+
+@njit(cache=True)
+def in_reading_order(labels: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """Labels [H, W] of 0 .. count numbered by their first cell in row order, 0 stays."""
+    number = np.zeros(count + 1, np.int32)
+    out = np.zeros(labels.shape, np.int32)
+    last = 0
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            label = labels[row, column]
+            if label == 0:
+                continue
+            if number[label] == 0:
+                last += 1
+                number[label] = last
+            out[row, column] = number[label]
+    return out
+
+
+@njit(cache=True)
+def overlap_table(old: NDArray[np.int32], new: NDArray[np.int32], high_old: int, high_new: int) -> NDArray[np.int64]:
+    """int64 [high_old + 1, high_new + 1]: cells shared by each pair of labels of two label grids [H, W]."""
+    table = np.zeros((high_old + 1, high_new + 1), np.int64)
+    for row in range(old.shape[0]):
+        for column in range(old.shape[1]):
+            table[old[row, column], new[row, column]] += 1
+    return table

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.rooms.cuts import Cuts
-from irsd.rooms.kernels import width_behind
+from irsd.rooms.kernels import piece_stats, width_behind
 from irsd.rooms.pieces import Borders
 from irsd.rooms.settings import SegmentSettings
 
@@ -59,11 +59,8 @@ class _PieceGraph:
     ) -> None:
         self._settings, self._grid, self._borders, self._cuts = settings, pieces, borders, cuts
         self.count = int(pieces.max(initial=0))
-        inside = np.maximum(pieces, 0).ravel()
-        self.area = np.bincount(inside, minlength=self.count + 1) * resolution_m**2
-        self._disc = np.zeros(self.count + 1)
-        np.maximum.at(self._disc, inside, 2.0 * dist.ravel())
-        self._rim = np.bincount(pieces[(pieces > 0) & (dist < 1.5)], minlength=self.count + 1).astype(float)
+        cells, self._disc, self._rim = piece_stats(pieces, dist, self.count)
+        self.area = cells * resolution_m**2
         self._cells_per_m2 = resolution_m**-2
         self._root = np.arange(self.count + 1)
         self._members: list[list[int]] = [[k] for k in range(self.count + 1)]

@@ -64,7 +64,9 @@ def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32],
     """Cut space along the cuts. Returns the pieces, int32 [H, W] (0 = wall, -1 = cut), and their borders."""
     lines = cutting.drawn(cuts, space.shape)
     canvas = (space & ~lines).astype(np.uint8)
-    pieces = _in_reading_order(np.asarray(cv2.connectedComponents(canvas, connectivity=4)[1], np.int32))
+    # OpenCV's numbers depend on where blocks of cells fall.
+    count, found = cv2.connectedComponents(canvas, connectivity=4)
+    pieces = np.asarray(kernels.in_reading_order(np.asarray(found, np.int32), count))
     pieces[space & lines] = kernels.CUT
     size = np.linalg.norm(cuts.ends[:, 1] - cuts.ends[:, 0], axis=1)
     steps = np.ceil(size).astype(np.int64) + 1
@@ -89,14 +91,3 @@ def cut_pieces(space: NDArray[np.bool_], cuts: Cuts) -> tuple[NDArray[np.int32],
     return pieces, Borders(
         unique[:, :2], unique[:, 2], cells.astype(np.int64), middle, np.where(hand_sum >= 0, 1.0, -1.0)
     )
-
-
-def _in_reading_order(labels: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Labels [H, W] numbered by their first cell in row order, 0 stays: OpenCV's numbers depend on where blocks of cells fall."""
-    flat = labels.ravel()
-    first = np.zeros(int(flat.max(initial=0)) + 1, np.int64)
-    first[flat[::-1]] = np.arange(len(flat))[::-1]  # of equal indices the last assignment stays
-    first[0] = -1
-    number = np.empty(len(first), np.int32)
-    number[np.argsort(first, kind="stable")] = np.arange(len(first))
-    return np.asarray(number[labels])

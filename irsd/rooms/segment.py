@@ -19,10 +19,12 @@ from irsd.core.grid import GridFrame
 from irsd.core.types import Opening, PlanEvidence, RoomFootprint, RoomSegmentation
 from irsd.rooms.cuts import Cuts, clearance
 from irsd.rooms.merge import merge_pieces
-from irsd.rooms.outline import outline
+from irsd.rooms.outline import Footprints, filled
 from irsd.rooms.pieces import choose_cuts, cut_pieces
 from irsd.rooms.settings import SegmentSettings
 from irsd.rooms.space import Plan, open_space, solid_walls
+
+Labels = NDArray[np.int32]
 
 _BESIDE_M = 0.2  # the rooms of an opening are looked up this far beside it
 _CORNER_M = 0.3
@@ -42,7 +44,9 @@ def segment_map(
     frame = GridFrame((0.0, 0.0), resolution_m, *image.shape)
     # What is not free in a 2D map is wall: there is nothing between the room and its face to be grown into.
     exact = dataclasses.replace(settings or SegmentSettings(), wall_reach_m=0.0)
-    return segment(frame, Plan(free, ~free, None), exact, (0.0, None))
+    labels, openings = label_plan(frame, Plan(free, ~free, None), exact)
+    _, rooms = Footprints(exact).draw(labels, frame, (0.0, None))
+    return RoomSegmentation(frame, labels, rooms, openings)
 
 
 def segment_evidence(
@@ -50,26 +54,29 @@ def segment_evidence(
 ) -> RoomSegmentation:
     """Rooms of the map as seen from above. before: openings found earlier; a cut at the same place is given some advantage, so
     that evidence that wavers about a threshold does not make rooms come and go."""
-    heights = (evidence.floor_z_m, evidence.ceiling_z_m)
+    labels, openings = label_evidence(evidence, settings, before)
+    _, rooms = describe(labels, evidence, settings)
+    return RoomSegmentation(evidence.frame, labels, rooms, openings)
+
+
+def label_evidence(
+    evidence: PlanEvidence, settings: SegmentSettings, before: Sequence[Opening] = ()
+) -> tuple[Labels, tuple[Opening, ...]]:
+    """``segment_evidence`` without footprints: labels int32 [H, W] (0 = none) and the openings between them."""
     if not evidence.free.any():  # OpenCV does not survive grids without cells
-        return RoomSegmentation(evidence.frame, np.zeros(evidence.free.shape, np.int32), (), ())
+        return np.zeros(evidence.free.shape, np.int32), ()
     wall = solid_walls(evidence.wall, evidence.low, settings, evidence.frame.resolution_m)
     plan = Plan(evidence.free & ~evidence.wall, wall, evidence.lintel)
-    return segment(evidence.frame, plan, settings, heights, before)
+    return label_plan(evidence.frame, plan, settings, before)
 
 
-def segment(
-    frame: GridFrame,
-    plan: Plan,
-    settings: SegmentSettings,
-    heights: tuple[float, float | None],
-    before: Sequence[Opening] = (),
-) -> RoomSegmentation:
-    """Rooms of free space among walls; heights: floor and ceiling z of the rooms."""
+def label_plan(
+    frame: GridFrame, plan: Plan, settings: SegmentSettings, before: Sequence[Opening] = ()
+) -> tuple[Labels, tuple[Opening, ...]]:
+    """Rooms of free space among walls: labels int32 [H, W] (0 = none) and the openings between them."""
     resolution = frame.resolution_m
-    none = np.zeros((frame.height, frame.width), np.int32)
     if not plan.free.any():
-        return RoomSegmentation(frame, none, (), ())
+        return np.zeros((frame.height, frame.width), np.int32), ()
     space = open_space(plan.free & ~plan.wall, settings, resolution)
     solid = cv2.dilate(plan.wall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     dist = clearance(space)
@@ -77,28 +84,10 @@ def segment(
     pieces, borders = cut_pieces(space, chosen)
     room_of = merge_pieces(pieces, borders, chosen, dist, settings, resolution)
     # Closing walls rounded the corners of rooms off: what is free there belongs to the room beside.
-    labels = _filled(
-        np.asarray(room_of[np.maximum(pieces, 0)]), space | (plan.free & plan.wall), _CORNER_M / resolution
-    )
+    labels = filled(np.asarray(room_of[np.maximum(pieces, 0)]), space | (plan.free & plan.wall), _CORNER_M / resolution)
     labels = _supported(labels, solid, space, settings, resolution)
-    _, rooms = _footprints(labels, frame, settings, heights)
     left = np.unique(borders.cut[room_of[borders.pieces[:, 0]] != room_of[borders.pieces[:, 1]]]).tolist()
-    openings = openings_between(labels, frame, _cut_openings(frame, chosen, left))
-    return RoomSegmentation(frame, labels, rooms, openings)
-
-
-def _filled(labels: NDArray[np.int32], space: NDArray[np.bool_], reach: float) -> NDArray[np.int32]:
-    """Labels with the unlabelled cells of space within ``reach`` cells given to the nearest room."""
-    if not labels.any():
-        return labels
-    unlabelled = (labels == 0).astype(np.uint8)
-    gap, nearest = cv2.distanceTransformWithLabels(
-        unlabelled, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    lookup = np.zeros(int(nearest.max()) + 1, np.int32)
-    seed = unlabelled == 0
-    lookup[nearest[seed]] = labels[seed]
-    return np.where(space & (gap <= reach), lookup[nearest], labels).astype(np.int32)
+    return labels, openings_between(labels, frame, _cut_openings(frame, chosen, left))
 
 
 def _supported(
@@ -123,29 +112,10 @@ def _supported(
 
 
 def describe(
-    labels: NDArray[np.int32], evidence: PlanEvidence, settings: SegmentSettings
+    labels: Labels, evidence: PlanEvidence, settings: SegmentSettings
 ) -> tuple[tuple[int, ...], tuple[RoomFootprint, ...]]:
     """The numbers that occur in labels [H, W], ascending, and the footprint of each."""
-    return _footprints(labels, evidence.frame, settings, (evidence.floor_z_m, evidence.ceiling_z_m))
-
-
-def _footprints(
-    labels: NDArray[np.int32], frame: GridFrame, settings: SegmentSettings, heights: tuple[float, float | None]
-) -> tuple[tuple[int, ...], tuple[RoomFootprint, ...]]:
-    """Rooms drawn out to the walls around them."""
-    if not labels.any():
-        return (), ()
-    resolution = frame.resolution_m
-    grown = _filled(labels, np.ones(labels.shape, bool), settings.wall_reach_m / resolution)
-    cells = np.bincount(grown.ravel())
-    numbers = tuple(np.flatnonzero(cells[1:]) + 1)
-    rooms = []
-    for k in numbers:
-        polygon = outline(grown, int(k), frame, settings.simplify_m / 2)
-        low, high = polygon.min(0), polygon.max(0)
-        box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        rooms.append(RoomFootprint(polygon, box, float(cells[k]) * resolution**2, heights[0], heights[1]))
-    return tuple(int(k) for k in numbers), tuple(rooms)
+    return Footprints(settings).draw(labels, evidence.frame, (evidence.floor_z_m, evidence.ceiling_z_m))
 
 
 def openings_between(labels: NDArray[np.int32], frame: GridFrame, candidates: Sequence[Opening]) -> tuple[Opening, ...]:
@@ -164,7 +134,7 @@ def openings_between(labels: NDArray[np.int32], frame: GridFrame, candidates: Se
         near = max(_BESIDE_M, opening.width_m / 2)
         if any(o.rooms == (low, high) and np.hypot(*(o.segment_xy.mean(0) - middle)) < near for o in found):
             continue
-        found.append(Opening((low, high), opening.position_xy, opening.width_m, ends))
+        found.append(dataclasses.replace(opening, rooms=(low, high)))
     return tuple(sorted(found, key=lambda o: (o.rooms, o.position_xy)))
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from irsd.core.settings import setting
+from irsd.rooms.tracker import TrackSettings
+from irsd.rooms.walls import WallSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,3 +47,20 @@ class SegmentSettings:
         0.15, "outlines may deviate by this much before corners are looked for", lo=0.05, hi=0.5
     )
     wall_reach_m: float = setting(0.15, "footprints grow by up to this much to reach the wall's face", lo=0.0, hi=0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class RoomSettings:
+    """Settings of the room stage."""
+
+    method: str = setting(
+        "ours", "ours, or irs: Algorithm 1 of the paper as published, one box per room", choices=("ours", "irs")
+    )
+    changed_share: float = setting(
+        0.01, "rooms are found anew when this part of the known plan has changed", lo=0.0, hi=1.0
+    )
+    look_every: int = setting(3, "the plan is looked at once in this many updates", lo=1, hi=1000)
+    settle_after: int = setting(12, "a smaller change is taken in after this many updates", lo=1, hi=10_000)
+    segment: SegmentSettings = field(default_factory=SegmentSettings)
+    walls: WallSettings = field(default_factory=WallSettings)
+    track: TrackSettings = field(default_factory=TrackSettings)

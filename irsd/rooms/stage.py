@@ -1,118 +1,140 @@
-"""The room stage: plan evidence in, rooms with stable ids out. Owner of the tracker and of the last result."""
+"""The room stage: plan evidence in, rooms with stable ids out, floor by floor.
+
+A pass over a floor costs its area, so it is made only when its plan has changed by a share of that area, or when a small
+change has waited: what a scan costs in the mean follows what it changed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.types import Opening, PlanEvidence, RoomFootprint, Rooms
-from irsd.rooms.segment import describe, openings_between, segment_evidence
-from irsd.rooms.settings import SegmentSettings
-from irsd.rooms.tracker import RoomTracker, TrackSettings
-from irsd.rooms.walls import Walls, WallSettings, find_walls, merge_levels, polygon_area, snapped
+from irsd.core.types import PlanEvidence, RoomFootprint, Rooms
+from irsd.rooms.algorithm1 import BoxRooms
+from irsd.rooms.floor import FloorRooms
+from irsd.rooms.outline import WallPoints
+from irsd.rooms.settings import RoomSettings
+from irsd.rooms.tracker import IdSource
+
+__all__ = ["PlanSource", "RoomSettings", "RoomStage"]
 
 _MAX_WALL_POINTS = 40_000  # more do not make a wall's line better
+_MAX_PATH = 4096
 
 
-@dataclass(frozen=True, slots=True)
-class RoomSettings:
-    """Settings of the room stage."""
+class PlanSource(Protocol):
+    """Where evidence comes from when it is needed: the mapper."""
 
-    segment: SegmentSettings = field(default_factory=SegmentSettings)
-    walls: WallSettings = field(default_factory=WallSettings)
-    track: TrackSettings = field(default_factory=TrackSettings)
+    def plan_evidence(self) -> PlanEvidence:
+        """The map from above. Costs a pass over the grid."""
+
+    def wall_points(self) -> WallPoints:
+        """Points [W, 3] of walls and their normals. Costs a pass over the voxels."""
 
 
 class RoomStage:
-    """Rooms of the growing map. Unchanged evidence costs a comparison and gives back the same object."""
+    """Rooms of the growing map. Unchanged evidence gives back the same object."""
 
     def __init__(self, settings: RoomSettings) -> None:
         self._settings = settings
-        self._tracker = RoomTracker(settings.track)
-        self._evidence: PlanEvidence | None = None
+        self._ids = IdSource()
+        self._floors: dict[int, FloorRooms | BoxRooms] = {}
+        self._restored: tuple[tuple[int, RoomFootprint], ...] = ()
         self._rooms: Rooms | None = None
-        self._floors: tuple[tuple[float, float], ...] = ()  # (height, times seen) of every level
-        self._ceilings: tuple[tuple[float, float], ...] = ()
+        self._walls: WallPoints | None = None
+        self._path: list[tuple[float, float]] = []
+        self._waited = 0
+        self._walls_due = True
 
     def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
         """Continue with the rooms of an earlier run: found again, they keep their ids."""
-        self._tracker.restore(ids, footprints)
+        if len(ids) != len(footprints) or any(i < 1 for i in ids):
+            raise ValueError(f"expected one positive id per footprint, got {list(ids)} for {len(footprints)}")
+        self._restored = tuple(zip(ids, footprints, strict=True))
+        self._ids.reserve(ids)
+
+    def follow(self, source: PlanSource, robot_xy: tuple[float, float] | None = None) -> Rooms:
+        """Rooms after one more scan: looks at the plan every few calls, and works when enough of it has changed."""
+        if robot_xy is not None and len(self._path) < _MAX_PATH:
+            self._path.append(robot_xy)
+        self._waited += 1
+        if self._rooms is not None and self._waited % self._settings.look_every:
+            if self._walls_due:  # not in the same step as a pass over the plan: no step costs both
+                self._walls, self._walls_due = _thinned(*source.wall_points()), False
+            return self._settled(self._rooms)
+        evidence = source.plan_evidence()
+        if self._rooms is not None and not self._due(evidence):
+            return self._settled(self._rooms)
+        return self._work(evidence, self._walls)
 
     def update(
-        self, evidence: PlanEvidence, wall_points: NDArray[np.float32], wall_normals: NDArray[np.float32]
+        self,
+        evidence: PlanEvidence,
+        wall_points: NDArray[np.float32],
+        wall_normals: NDArray[np.float32],
+        path_xy: Sequence[tuple[float, float]] = (),
     ) -> Rooms:
-        """Rooms of the map as it is now.
+        """Rooms of the map as it is now, whatever has changed.
 
-        wall_points, wall_normals: float32 [W, 3], map frame: voxels of walls and their unit normals.
+        wall_points, wall_normals: float32 [W, 3], map frame: voxels of walls and their unit normals. path_xy: where the robot went.
         """
-        if self._rooms is not None and self._evidence is not None and _same(evidence, self._evidence):
+        self._path += path_xy
+        floor = self._floors.get(evidence.floor)
+        if self._rooms is not None and floor is not None and not floor.changed(evidence) and not self._path:
             return self._settled(self._rooms)
-        before: tuple[Opening, ...] = () if self._rooms is None else self._rooms.openings
-        found = segment_evidence(evidence, self._settings.segment, before)
-        tracked = self._tracker.update(found.labels, evidence.frame)
-        ids, drawn = describe(tracked.labels, evidence, self._settings.segment)
-        walls = find_walls(*_thinned(wall_points, wall_normals), self._settings.walls)
-        floor_z_m, ceiling_z_m = self._levels(evidence)
-        footprints = tuple(_on_walls(f, walls, self._settings.walls.snap_m, floor_z_m, ceiling_z_m) for f in drawn)
-        openings = openings_between(tracked.labels, evidence.frame, (*found.openings, *before))
-        self._evidence = evidence
-        self._rooms = Rooms(evidence.frame, tracked.labels, ids, footprints, openings, tracked.lineage)
-        return self._rooms
+        return self._work(evidence, _thinned(wall_points, wall_normals))
 
-    def _levels(self, evidence: PlanEvidence) -> tuple[float, float | None]:
-        """Heights of the floor and ceiling that the evidence means: of all seen so far, those within tau_3 are one level."""
-        tau = self._settings.walls.tau_3_m
-        self._floors, floor_z_m = _merged(self._floors, evidence.floor_z_m, tau)
-        if evidence.ceiling_z_m is None:
-            return floor_z_m, None
-        self._ceilings, ceiling_z_m = _merged(self._ceilings, evidence.ceiling_z_m, tau)
-        return floor_z_m, ceiling_z_m
+    def _due(self, evidence: PlanEvidence) -> bool:
+        """Whether enough has changed for a pass, or a little has waited long enough."""
+        floor = self._floors.get(evidence.floor)
+        if floor is None:
+            return True
+        changed = floor.changed(evidence)
+        waited = self._waited >= self._settings.settle_after and changed > 0
+        return waited or changed >= max(self._settings.changed_share * float(evidence.known.sum()), 1.0)
+
+    def _work(self, evidence: PlanEvidence, walls: WallPoints | None) -> Rooms:
+        floor = self._floors.get(evidence.floor)
+        if floor is None:
+            make = BoxRooms if self._settings.method == "irs" else FloorRooms
+            floor = self._floors[evidence.floor] = make(self._settings, self._ids)
+            mine = [(i, f) for i, f in self._restored if f.floor == evidence.floor]
+            floor.restore([i for i, _ in mine], [f for _, f in mine])
+        rooms = floor.update(evidence, walls, np.array(self._path, np.float64).reshape(-1, 2))
+        self._path = self._path[-1:]
+        self._waited, self._walls_due = 0, True
+        others = [self._floors[k].rooms for k in sorted(self._floors) if k != evidence.floor]
+        self._rooms = _together(rooms, [o for o in others if o is not None])
+        return self._rooms
 
     def _settled(self, rooms: Rooms) -> Rooms:
         """The last rooms once more; what happened to them is news only once."""
         if rooms.lineage:
-            self._rooms = Rooms(rooms.frame, rooms.labels, rooms.ids, rooms.footprints, rooms.openings, ())
+            self._rooms = replace(rooms, lineage=())
             return self._rooms
         return rooms
 
 
-def _same(a: PlanEvidence, b: PlanEvidence) -> bool:
-    """Whether two evidences lead to the same rooms."""
-    return (
-        a.frame == b.frame
-        and (a.floor_z_m, a.ceiling_z_m) == (b.floor_z_m, b.ceiling_z_m)
-        and np.array_equal(a.free, b.free)
-        and np.array_equal(a.wall, b.wall)
+def _together(here: Rooms, others: Sequence[Rooms]) -> Rooms:
+    """The rooms of all floors by id; the labels are those of the floor where the robot is."""
+    if not others:
+        return here
+    pairs = [pair for rooms in (here, *others) for pair in zip(rooms.ids, rooms.footprints, strict=True)]
+    pairs.sort(key=lambda pair: pair[0])
+    openings = tuple(o for rooms in (here, *others) for o in rooms.openings)
+    return replace(
+        here,
+        ids=tuple(i for i, _ in pairs),
+        footprints=tuple(f for _, f in pairs),
+        openings=tuple(sorted(openings, key=lambda o: (o.rooms, o.position_xy))),
     )
 
 
-def _thinned(
-    points: NDArray[np.float32], normals: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _thinned(points: NDArray[np.float32], normals: NDArray[np.float32]) -> WallPoints:
     """Every n-th wall point, so that a large building costs no more than a small one."""
     stride = max(-(-len(points) // _MAX_WALL_POINTS), 1)
     return points[::stride], normals[::stride]
-
-
-def _merged(
-    levels: tuple[tuple[float, float], ...], height_m: float, tau_3_m: float
-) -> tuple[tuple[tuple[float, float], ...], float]:
-    """The levels (height, weight) with one more sighting, and the height of the level it belongs to."""
-    heights = np.array([*(h for h, _ in levels), height_m])
-    weights = np.array([*(w for _, w in levels), 1.0])
-    merged = merge_levels(heights, weights, tau_3_m)
-    found = {float(h): float(weights[merged == h].sum()) for h in merged}
-    return tuple(sorted(found.items())), float(merged[-1])
-
-
-def _on_walls(
-    drawn: RoomFootprint, walls: Walls, reach_m: float, floor_z_m: float, ceiling_z_m: float | None
-) -> RoomFootprint:
-    """The footprint with its outline on the wall planes, its AABB (the paper's room) around it, and its levels."""
-    polygon = snapped(drawn.polygon_xy, walls, reach_m)
-    low, high = polygon.min(0), polygon.max(0)
-    box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    return RoomFootprint(polygon, box, polygon_area(polygon), floor_z_m, ceiling_z_m)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from irsd.core.types import RoomFootprint
+from irsd.rooms.kernels import overlap_table
 
 Labels = NDArray[np.int32]
 
@@ -56,21 +57,35 @@ def resampled(labels: Labels, old: GridFrame, new: GridFrame) -> Labels:
 
 def overlaps(old: Labels, new: Labels) -> NDArray[np.int64]:
     """int64 [old.max() + 1, new.max() + 1]: cells shared by each pair of labels of two label grids [H, W]."""
-    high_old, high_new = int(old.max(initial=0)), int(new.max(initial=0))
-    flat = old.ravel().astype(np.int64) * (high_new + 1) + new.ravel()
-    return np.bincount(flat, minlength=(high_old + 1) * (high_new + 1)).reshape(high_old + 1, high_new + 1)
+    return np.asarray(overlap_table(old, new, int(old.max(initial=0)), int(new.max(initial=0))), np.int64)
+
+
+class IdSource:
+    """Gives out room ids, each once, over all floors."""
+
+    def __init__(self) -> None:
+        self._next = 1
+
+    def take(self) -> int:
+        """A new id."""
+        self._next += 1
+        return self._next - 1
+
+    def reserve(self, ids: Sequence[int]) -> None:
+        """New ids will be higher than these."""
+        self._next = max([self._next, *(i + 1 for i in ids)])
 
 
 class RoomTracker:
     """Keeps room ids over successive segmentations. Ids count from 1 and are never used twice."""
 
-    def __init__(self, settings: TrackSettings) -> None:
+    def __init__(self, settings: TrackSettings, ids: IdSource | None = None) -> None:
         self._settings = settings
+        self._ids = ids or IdSource()
         self._frame: GridFrame | None = None
         self._memory: Labels = np.zeros((0, 0), np.int32)  # the last id each cell had, also of rooms not seen now
         self._retired: Labels = self._memory  # the last id of cells whose room was merged into another
         self._waiting: dict[tuple[str, int, int], int] = {}  # changes seen but not yet believed, with how often
-        self._next_id = 1
         self._restored: tuple[tuple[int, RoomFootprint], ...] = ()
 
     def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
@@ -78,7 +93,7 @@ class RoomTracker:
         if len(ids) != len(footprints) or any(i < 1 for i in ids):
             raise ValueError(f"expected one positive id per footprint, got {list(ids)} for {len(footprints)}")
         self._restored = tuple(zip(ids, footprints, strict=True))
-        self._next_id = max([self._next_id, *(i + 1 for i in ids)])
+        self._ids.reserve(ids)
 
     def update(self, labels: Labels, frame: GridFrame) -> Tracked:
         """Labels [H, W] of one segmentation (0 = none, 1.. = rooms) as labels of ids, held back where change is too young."""
@@ -136,8 +151,7 @@ class RoomTracker:
         if best and best not in taken and 2 * here[best] > max(int(part.sum()), int((retired == best).sum())):
             retired[retired == best] = 0
             return best
-        self._next_id += 1
-        return self._next_id - 1
+        return self._ids.take()
 
     def _recalled(self, frame: GridFrame) -> tuple[Labels, Labels]:
         """The memory of rooms and of merged rooms on the grid of now; the first time, the restored rooms."""

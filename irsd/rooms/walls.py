@@ -28,6 +28,7 @@ class WallSettings:
     thickness_m: float = setting(0.08, "points this near to a wall's line belong to it", lo=0.01, hi=0.5)
     gap_m: float = setting(0.5, "a wall interrupted by more than this is two segments", lo=0.1, hi=5.0)
     length_m: float = setting(0.4, "shorter segments are no walls", lo=0.1, hi=5.0)
+    block_m: float = setting(8.0, "method irs: side N of the block of points around the robot", lo=1.0, hi=100.0)
     snap_m: float = setting(0.25, "an outline moves by up to this much to lie on its wall", lo=0.0, hi=1.0)
 
 
@@ -43,6 +44,16 @@ class Walls:
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    def take(self, index: NDArray[np.bool_]) -> Walls:
+        """The walls at ``index``."""
+        return Walls(self.normal[index], self.offset[index], self.span[index], self.count[index])
+
+    def ends(self) -> FloatArray:
+        """Where the walls begin and end: float64 [N, 2, 2] (x, y)."""
+        tangent = np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=1)
+        foot = self.normal * self.offset[:, None]
+        return foot[:, None] + tangent[:, None] * self.span[:, :, None]
 
 
 def find_walls(points: NDArray[np.floating], normals: NDArray[np.floating], settings: WallSettings) -> Walls:
@@ -122,6 +133,14 @@ def _one_wall(walls: Walls, settings: WallSettings) -> NDArray[np.int64]:
     """Group number of every wall [N]: connected by c1 >= tau_1 and c2 >= tau_2."""
     if not len(walls):
         return np.zeros(0, np.int64)
+    same = same_wall(walls, settings)
+    rows, columns = np.nonzero(same)
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=same.shape)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def same_wall(walls: Walls, settings: WallSettings) -> NDArray[np.bool_]:
+    """bool [N, N], True where wall i, the shorter, is one with wall j: c1 >= tau_1 and c2 >= tau_2 beside one line."""
     middle = walls.span.mean(1)
     tangent = np.stack([-walls.normal[:, 1], walls.normal[:, 0]], axis=1)
     centre = walls.normal * walls.offset[:, None] + tangent * middle[:, None]
@@ -137,10 +156,7 @@ def _one_wall(walls: Walls, settings: WallSettings) -> NDArray[np.int64]:
     c1 = np.clip(high - low, 0.0, None) / shorter
     off = np.abs(centre @ walls.normal.T - walls.offset[None, :])
     near = (off <= settings.thickness_m) & (half[:, None] <= half[None, :])
-    same = near & (c1 >= settings.tau_1) & (c2 >= settings.tau_2)
-    rows, columns = np.nonzero(same)
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=same.shape)
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return np.asarray(near & (c1 >= settings.tau_1) & (c2 >= settings.tau_2))
 
 
 def merge_levels(heights_m: FloatArray, weights: FloatArray, tau_3_m: float) -> FloatArray:
