@@ -213,6 +213,7 @@ class GraphBuilder:
                 ceiling_z_m=None if place.ceiling_z_m is None else float(place.ceiling_z_m),
                 instances=tuple(node.id for node in inside),
                 doors=tuple(doors),
+                floor=place.floor,
             )
         )
 
@@ -220,7 +221,7 @@ class GraphBuilder:
 def footprint_of(room: RoomNode) -> RoomFootprint:
     """A published room as the room stage takes it up again."""
     polygon = np.array(room.polygon_xy, np.float64).reshape(-1, 2)
-    return RoomFootprint(polygon, room.aabb_xy, room.area_m2, room.floor_z_m, room.ceiling_z_m)
+    return RoomFootprint(polygon, room.aabb_xy, room.area_m2, room.floor_z_m, room.ceiling_z_m, room.floor)
 
 
 def _by_number(ids: Iterable[str]) -> list[str]:

@@ -104,6 +104,7 @@ def rooms_document(snapshot: GraphSnapshot) -> list[dict[str, Any]]:
             "aabb": list(map(_rounded, room.aabb_xy)),
             "floor_z": _rounded(room.floor_z_m),
             "ceiling_z": None if room.ceiling_z_m is None else _rounded(room.ceiling_z_m),
+            "floor": room.floor,
         }
         for room in snapshot.rooms
     ]
@@ -171,10 +172,15 @@ def _build(kind: type[T], document: Any, path: str) -> T:
     hints = _HINTS[kind]
     if not isinstance(document, dict):
         raise DecodeError(f"{path}: expected an object, got {type(document).__name__}")
-    if document.keys() != hints.keys():
-        missing, extra = hints.keys() - document.keys(), document.keys() - hints.keys()
+    # A field with a default may be missing: it is younger than the document.
+    missing, extra = hints.keys() - document.keys() - _defaults(kind), document.keys() - hints.keys()
+    if missing or extra:
         raise DecodeError(f"{path}: missing {sorted(missing)}, unknown {sorted(extra)}")
-    return kind(**{name: _value(hints[name], document[name], f"{path}.{name}") for name in hints})
+    return kind(**{name: _value(hints[name], document[name], f"{path}.{name}") for name in hints if name in document})
+
+
+def _defaults(kind: type[Any]) -> set[str]:
+    return {field.name for field in dataclasses.fields(kind) if field.default is not dataclasses.MISSING}
 
 
 def _value(wanted: Any, value: Any, path: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from irsd.core.types import Opening
 from irsd.graph.model import DoorEdge
@@ -39,7 +40,11 @@ class DoorRegister:
             if k not in number_of:
                 number_of[k] = max((*self._known, *number_of.values()), default=0) + 1
         doors = {
-            n: DoorEdge(f"D{n}", made[k].rooms, made[k].position_xy, made[k].width_m) for k, n in number_of.items()
+            # Once gone through, always gone through: the rooms' own memory is lost when an opening vanishes for a while.
+            n: replace(
+                made[k], id=f"D{n}", traversed=made[k].traversed or (n in self._known and self._known[n].traversed)
+            )
+            for k, n in number_of.items()
         }
         self._known.update(doors)
         return tuple(doors[n] for n in sorted(doors))
@@ -48,7 +53,7 @@ class DoorRegister:
 def _edge(opening: Opening) -> DoorEdge:
     low, high = sorted(opening.rooms)
     x, y = opening.position_xy
-    return DoorEdge("", (f"R{low}", f"R{high}"), (float(x), float(y)), float(opening.width_m))
+    return DoorEdge("", (f"R{low}", f"R{high}"), (float(x), float(y)), float(opening.width_m), opening.traversed)
 
 
 def _cost(door: DoorEdge, known: DoorEdge) -> float:

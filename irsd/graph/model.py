@@ -16,18 +16,19 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class BuildingNode:
-    """The root. rooms: ids of all rooms."""
+    """The root. rooms: ids of all rooms. floors_z_m: height of every floor, by its index."""
 
     id: str
     name: str
     rooms: tuple[str, ...]
+    floors_z_m: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class RoomNode:
     """A room. polygon_xy: (x, y) metres in the map frame, counter-clockwise, not closed. labels: (type, score) best first.
 
-    label is the best type, or "room" where the evidence does not say. doors: ids of DoorEdge.
+    label is the best type, or "room" where the evidence does not say. doors: ids of DoorEdge. floor: index into the building's.
     """
 
     id: str
@@ -40,16 +41,18 @@ class RoomNode:
     ceiling_z_m: float | None
     instances: tuple[str, ...]
     doors: tuple[str, ...]
+    floor: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class DoorEdge:
-    """A way between two rooms."""
+    """A way between two rooms. traversed: the robot went through, it was not just seen."""
 
     id: str
     rooms: tuple[str, str]
     position_xy: tuple[float, float]
     width_m: float
+    traversed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,3 +113,10 @@ class InstanceArrays:
 
     points_map: NDArray[np.float32]
     embedding: NDArray[np.float32] | None
+
+
+def building_of(node_id: str, name: str, rooms: tuple[RoomNode, ...]) -> BuildingNode:
+    """The root over these rooms: a floor is as high as the lowest floor of its rooms; one without rooms lies at 0."""
+    heights = {room.floor: min(r.floor_z_m for r in rooms if r.floor == room.floor) for room in rooms}
+    floors = tuple(heights.get(k, 0.0) for k in range(max(heights, default=-1) + 1))
+    return BuildingNode(node_id, name, tuple(room.id for room in rooms), floors)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import networkx
 
-from irsd.graph.model import BuildingNode, DoorEdge, GraphDelta, GraphSnapshot, InstanceNode, RoomNode
+from irsd.graph.model import BuildingNode, DoorEdge, GraphDelta, GraphSnapshot, InstanceNode, RoomNode, building_of
 
 BUILDING_ID = "B0"
 NodeT = TypeVar("NodeT", bound=RoomNode | DoorEdge | InstanceNode)
@@ -51,7 +51,7 @@ class SceneGraph:
                 self._graph.remove_node(node_id)
         self._insert(delta.rooms, delta.doors, delta.instances)
         rooms = _merged(now.rooms, delta.rooms, delta.removed)
-        building = BuildingNode(BUILDING_ID, now.building.name, tuple(room.id for room in rooms))
+        building = building_of(BUILDING_ID, now.building.name, rooms)
         self._graph.nodes[BUILDING_ID]["data"] = building
         self._snapshot = GraphSnapshot(
             seq=delta.seq,

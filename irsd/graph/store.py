@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from irsd.core.errors import DecodeError, StoreError
 from irsd.graph.codec import Node, delta_from_json, delta_to_json, node_from_json, node_to_json
 from irsd.graph.model import (
-    BuildingNode,
     DoorEdge,
     GraphDelta,
     GraphSnapshot,
     InstanceArrays,
     InstanceNode,
     RoomNode,
+    building_of,
 )
 
 FILE_NAME = "map.sqlite"
@@ -159,7 +159,7 @@ class Store:
                 stamp_ns=int(meta["stamp_ns"]),
                 map_id=meta["map_id"],
                 frame=meta["frame"],
-                building=BuildingNode("B0", meta["building"], tuple(room.id for room in rooms)),
+                building=building_of("B0", meta["building"], rooms),
                 rooms=rooms,
                 doors=_of(DoorEdge, nodes),
                 instances=_of(InstanceNode, nodes),

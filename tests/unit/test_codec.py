@@ -68,7 +68,7 @@ def test_what_is_not_a_number_has_no_document() -> None:
 def test_a_room_document_is_what_rooms_json_holds() -> None:
     snapshot = GraphSnapshot(1, 0, "m", "map", BuildingNode("B0", "", ("R2",)), (a_room(2, "kitchen"),), (), ())
     (room,) = codec.rooms_document(snapshot)
-    assert list(room) == ["id", "label", "polygon", "aabb", "floor_z", "ceiling_z"]
+    assert list(room) == ["id", "label", "polygon", "aabb", "floor_z", "ceiling_z", "floor"]
     assert room["polygon"][1] == [1.0, 0.0]
 
 
