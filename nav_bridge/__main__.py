@@ -79,6 +79,22 @@ def offline(
     context.exit(0 if queries is not None else EXIT_CODES[answers[0]["status"]])
 
 
+@main.command()
+@click.argument("query")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def parse(query: str, as_json: bool) -> None:
+    """Show what QUERY is understood to say; needs neither map nor robot."""
+    from irsd.perception.encoder import LabelEncoder  # noqa: PLC0415  as above
+    from nav_bridge.answer import parse_document  # noqa: PLC0415
+    from nav_bridge.language import parse as understand  # noqa: PLC0415
+
+    document = {"query": query, **parse_document(understand(query, LabelEncoder.load().aliases))}
+    if as_json:
+        click.echo(json.dumps(document, ensure_ascii=False))
+    else:
+        click.echo("\n".join(f"{name:13s} {value}" for name, value in document.items() if value not in ("", [], False)))
+
+
 def _settings(given: Path | None) -> BridgeSettings:
     """As configured; a wrong file is a usage error (exit code 2), since it stays wrong however often one tries."""
     try:

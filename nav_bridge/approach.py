@@ -7,7 +7,7 @@ Pure functions over arrays.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from nav_bridge.route import CostMap, connected_to, snap_to_passable
 
 _RAYS = 12  # target cells a pose is checked for sight of
 _HIDDEN = 1.0  # price, in metres, of a pose that sees nothing of its target or stands in another room
+_MAX_TRIED, _TRIED_APART_M = 8, 0.2  # of the places weighed, how many an answer tells, and how far they are apart
 _MAX_POINTS = 4000  # a target's points beyond this many are thinned: they lie millimetres apart
 
 
@@ -44,10 +45,22 @@ class ApproachSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class TriedPose:
+    """A place that was weighed. price: what it is worth less than a perfect one, metres; the cheapest wins."""
+
+    x_m: float
+    y_m: float
+    distance_m: float
+    clearance_m: float
+    sees: float
+    price: float
+
+
+@dataclass(frozen=True, slots=True)
 class ApproachPose:
     """Where to stand. distance_m: plan distance to the target's nearest surface; clearance_m: to the next obstacle.
 
-    sees: share of the target's points that no obstacle hides, 0..1.
+    sees: share of the target's points that no obstacle hides, 0..1. tried: places that were weighed, at least 0.2 m apart.
     """
 
     x_m: float
@@ -56,6 +69,7 @@ class ApproachPose:
     distance_m: float
     clearance_m: float
     sees: float
+    tried: tuple[TriedPose, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,25 +122,49 @@ def find_approach(
     clear = costs.clear_m[cells[:, 0], cells[:, 1]]
     inside = in_polygon(xy, room_xy) if len(room_xy) >= 3 else np.ones(len(xy), bool)
     price = _price(away, clear, inside, settings) + 0.01 * np.hypot(*(xy - robot_xy).T)
-    best, sees = _cheapest(price, xy, Sight(costs, points))
+    best, weighed = _cheapest(price, xy, Sight(costs, points))
     x, y = (round(float(v), 4) for v in xy[best])
-    return ApproachPose(x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), sees)
+    tried = _apart(weighed, best, price, xy, away, clear)
+    return ApproachPose(x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), weighed[best], tried)
 
 
-def _cheapest(price: NDArray[np.float64], xy: NDArray[np.float64], sight: Sight) -> tuple[int, float]:
-    """(index, share seen) of the place [N, 2] whose price and hidden target together cost least.
+def _apart(
+    weighed: Mapping[int, float],
+    best: int,
+    price: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    away: NDArray[np.float64],
+    clear: NDArray[np.float32],
+) -> tuple[TriedPose, ...]:
+    """The places that were weighed (index -> share seen) for people: the best first, no two neighbours, not too many."""
+    kept: list[int] = []
+    for k in sorted(weighed, key=lambda k: (k != best, price[k] + _HIDDEN * (1.0 - weighed[k]))):
+        if len(kept) < _MAX_TRIED and all(np.hypot(*(xy[k] - xy[j])) >= _TRIED_APART_M for j in kept):
+            kept.append(k)
+    return tuple(
+        TriedPose(
+            float(xy[k, 0]), float(xy[k, 1]), float(away[k]), float(clear[k]), weighed[k],
+            float(price[k] + _HIDDEN * (1.0 - weighed[k])),
+        )
+        for k in kept
+    )  # fmt: skip
+
+
+def _cheapest(price: NDArray[np.float64], xy: NDArray[np.float64], sight: Sight) -> tuple[int, dict[int, float]]:
+    """The place [N, 2] whose price and hidden target together cost least, and what share is seen from each that was weighed.
 
     Sight is dear to compute and only adds to the price: places are tried in order of price until none can be better.
     """
-    best, best_price, best_sees = 0, math.inf, 0.0
+    best, best_price = 0, math.inf
+    weighed: dict[int, float] = {}
     for k in np.argsort(price, kind="stable"):
         if price[k] >= best_price:
             break
-        sees = sight.share(xy[k])
+        sees = weighed[int(k)] = sight.share(xy[k])
         total = price[k] + _HIDDEN * (1.0 - sees)
         if total < best_price:
-            best, best_price, best_sees = int(k), float(total), sees
-    return best, best_sees
+            best, best_price = int(k), float(total)
+    return best, weighed
 
 
 def _price(

@@ -10,31 +10,28 @@ import json
 import logging
 import math
 import signal
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from irsd.core.errors import DecodeError, IrsdError, TransportError
 from irsd.core.geometry import quat_xyzw_to_matrix
-from irsd.core.grid import GridFrame
 from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns
-from irsd.graph.codec import array_from_bytes, png_to_occupancy
 from irsd.graph.model import GraphSnapshot
 from irsd.io.cdr import decode_odometry
 from irsd.io.endpoints import with_environment
 from irsd.io.keys import RobotKeys, subscriptions
-from irsd.io.session import Query, Reply, Sample, Session, open_session
+from irsd.io.session import Query, Sample, Session, open_session
 from irsd.perception.encoder import LabelEncoder
+from nav_bridge.answer import Answer, answer_document, answer_text, name_of
 from nav_bridge.config import BridgeSettings
 from nav_bridge.mirror import GraphMirror
 from nav_bridge.monitor import Driving, Failed, Monitor, Outcome, Reached
-from nav_bridge.planner import Answer, Planner, XyYaw, answer_document, answer_text, name_of
-from nav_bridge.route import CostMap
+from nav_bridge.planner import Planner, World, XyYaw
+from nav_bridge.requests import Goto, Request, checked_goto, request_of
 from nav_bridge.sinks.ros2 import RosSink
 from nav_bridge.sinks.zenoh import Waypoints, ZenohSink
+from nav_bridge.source import Source
 
 _log = logging.getLogger(__name__)
 
@@ -52,25 +49,15 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
-@dataclass(slots=True)
-class _Request:
-    """A query on its way through the loop. answer or error is set before done."""
-
-    name: str
-    document: Mapping[str, Any]
-    done: Event = field(default_factory=Event)
-    answer: dict[str, Any] = field(default_factory=dict)
-    error: str = ""
-
-
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """The goal being driven."""
+    """The goal being driven. inside: the target is a room, to be inside of."""
 
     goal_id: str
     frame: str
     name: str
     monitor: Monitor
+    inside: bool
 
 
 class Bridge:
@@ -82,10 +69,11 @@ class Bridge:
         self._keys = RobotKeys(settings.robot)
         self._planner = Planner(encoder, settings)
         self._sinks: tuple[Sink, ...] = (ZenohSink(session, self._keys), RosSink(session, settings.sinks))
+        self._source = Source(session, self._keys, settings.reply_timeout_s, settings.route)
         self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
         self._wake = Event()
         self._odometry: Ring[Sample] = Ring(200, self._wake)
-        self._requests: Ring[_Request] = Ring(16, self._wake)
+        self._requests: Ring[Request] = Ring(16, self._wake)
         self._pose: XyYaw | None = None
         self._pose_ns = 0
         self._drive: _Drive | None = None
@@ -96,8 +84,7 @@ class Bridge:
         topics = subscriptions(settings.odom_topic, _ODOMETRY, namespace=settings.odom_namespace)
         self._handles = [session.subscribe(key, self._odometry) for key in topics]
         self._handles += [
-            session.queryable(self._keys.nav("goto"), lambda query: self._ask("goto", query)),
-            session.queryable(self._keys.nav("cancel"), lambda query: self._ask("cancel", query)),
+            session.queryable(self._keys.nav(name), partial(self._ask, name)) for name in ("goto", "why", "cancel")
         ]
         self._handles.append(session.announce(self._keys.nav("alive")))
 
@@ -152,7 +139,8 @@ class Bridge:
         if drive is None:
             return
         if isinstance(outcome, Reached):
-            self._end("reached", "", outcome.distance_m, text=f"Reached: {outcome.distance_m:.2f} m from {drive.name}")
+            place = drive.name if drive.inside else f"{outcome.distance_m:.2f} m from {drive.name}"
+            self._end("reached", "", outcome.distance_m, text=f"Reached: {place}")
         elif isinstance(outcome, Failed):
             self._end("failed", f"{outcome.cause}: {outcome.reason}", outcome.distance_m, stop=True)
         elif now_ns - self._reported_ns >= _STATE_PERIOD_NS:
@@ -162,13 +150,7 @@ class Bridge:
     # --------------------------------------------------------------------------------------------------- requests
     def _ask(self, name: str, query: Query) -> None:
         """On zenoh's pool: hands the request to the loop and waits for its answer."""
-        try:
-            document = json.loads(query.payload) if query.payload else dict(query.parameters)
-        except ValueError as error:
-            raise DecodeError(f"nav/{name}: the payload is no JSON ({error})") from error
-        if not isinstance(document, dict):
-            raise DecodeError(f"nav/{name}: expected a JSON object")
-        request = _Request(name, document)
+        request = request_of(name, query)
         self._requests.put(request)
         if not request.done.wait(_REQUEST_TIMEOUT_S):
             raise TransportError(f"nav/{name}: nav_bridge is busy")
@@ -176,9 +158,9 @@ class Bridge:
             raise TransportError(request.error)
         query.reply(self._keys.nav(name), json.dumps(request.answer, ensure_ascii=False).encode())
 
-    def _serve(self, request: _Request, now_ns: int) -> None:
+    def _serve(self, request: Request, now_ns: int) -> None:
         try:
-            request.answer = self._goto(request.document, now_ns) if request.name == "goto" else self._cancel()
+            request.answer = self._cancel() if request.name == "cancel" else self._goto(request, now_ns)
         except IrsdError as error:
             request.error = str(error)
         finally:
@@ -191,52 +173,42 @@ class Bridge:
         self._end("cancelled", "cancelled on request", None, stop=True)
         return {"goal_id": drive.goal_id, "text": f"cancelled the drive to {drive.name}"}
 
-    def _goto(self, document: Mapping[str, Any], now_ns: int) -> dict[str, Any]:
-        """Answers a goal and, when it is resolved, starts the drive."""
-        query, within_m, start = _checked_goto(document)
+    def _goto(self, request: Request, now_ns: int) -> dict[str, Any]:
+        """Answers a goal and, when it is resolved and not only explained (why), starts the drive."""
+        goto, drives = checked_goto(request.document, request.name), request.name == "goto"
         fresh = self._pose is not None and (now_ns - self._pose_ns) * 1e-9 <= self._settings.monitor.odometry_timeout_s
-        robot = start or (self._pose if fresh else None)
+        robot = goto.start or (self._pose if fresh else None)
         if robot is None:
             raise TransportError(f"no odometry on {self._settings.odom_topic}: it is not known where the robot is")
         graph = self._mirror.graph
         if graph is None:
             raise TransportError(f"no graph on {self._keys.snapshot}: is irsd running?")
+        answer = self._planner.answer(
+            goto.query, World(graph, self._source.cost_map, self._source.points, robot), goto.within_m
+        )
+        if not drives:
+            return answer_document(answer, graph)
         self._goals += 1
         goal_id = f"g{self._goals}-{self._session.zid[:8]}"
-        points: dict[str, NDArray[np.floating]] = {}
-
-        def points_of(instance: str) -> NDArray[np.floating]:
-            if instance not in points:
-                points[instance] = self._fetch_points(instance)
-            return points[instance]
-
-        answer = self._planner.answer(query, graph, self._fetch_map, points_of, robot, within_m)
-        _log.info("%s %r: %s", goal_id, query, answer_text(answer, graph))
-        if answer.target is not None and answer.route is not None:
+        _log.info("%s %r: %s", goal_id, goto.query, answer_text(answer, graph))
+        if answer.status == "resolved":
             if not fresh:
                 raise TransportError(f"no odometry on {self._settings.odom_topic}: the drive can't be watched")
-            self._start(goal_id, answer, graph, points_of(answer.target.instance), within_m, now_ns)
+            self._start(goal_id, answer, graph, goto, now_ns)
         return {**answer_document(answer, graph, goal_id), "goal_id": goal_id}
 
-    def _start(
-        self,
-        goal_id: str,
-        answer: Answer,
-        graph: GraphSnapshot,
-        points: NDArray[np.floating],
-        within_m: float | None,
-        now_ns: int,
-    ) -> None:
-        if answer.target is None or answer.route is None:
+    def _start(self, goal_id: str, answer: Answer, graph: GraphSnapshot, goto: Goto, now_ns: int) -> None:
+        if answer.target is None or answer.route is None or answer.surface is None:
             return
         if self._drive is not None:
             self._end("preempted", f"preempted by {goal_id}", None)
         settings = self._settings
-        within = settings.approach.within_m if within_m is None else within_m
+        within = settings.approach.within_m if goto.within_m is None else goto.within_m
         way = answer.route.waypoints
-        monitor = Monitor(way, points, within, settings.monitor, now_ns, settings.approach.outlier_points)
+        outliers = 1 if answer.target.is_room else settings.approach.outlier_points
+        monitor = Monitor(way, answer.surface, within, settings.monitor, now_ns, outliers)
         name = name_of(answer.target.instance, graph)
-        self._drive = _Drive(goal_id, graph.frame, name, monitor)
+        self._drive = _Drive(goal_id, graph.frame, name, monitor, answer.target.is_room)
         whole = Driving(answer.route.length_m, None)
         self._report(self._drive, "accepted", whole, f"accepted: {name}, {answer.route.length_m:.1f} m to go")
         self._send(way)
@@ -273,53 +245,6 @@ class Bridge:
             "text": text,
         }
         self._session.put(self._keys.nav("state"), json.dumps(document).encode(), express=True)
-
-    # ---------------------------------------------------------------------------------------------- asking irsd
-    def _first(self, key: str) -> Reply | None:
-        replies = self._session.get(key, timeout_s=self._settings.reply_timeout_s)
-        return next((reply for reply in replies if reply.ok), None)
-
-    def _fetch_map(self) -> CostMap | None:
-        """The occupancy as it is now, None when irsd has none."""
-        reply = self._first(self._keys.occupancy)
-        if reply is None:
-            return None
-        cells = png_to_occupancy(reply.payload)
-        try:
-            header = json.loads(reply.attachment or b"")
-            origin = (float(header["origin_xy_m"][0]), float(header["origin_xy_m"][1]))
-            frame = GridFrame(origin, float(header["resolution_m"]), *cells.shape)
-        except (ValueError, KeyError, TypeError, IndexError) as error:
-            raise DecodeError(
-                f"{self._keys.occupancy}: attachment without resolution and origin ({error!r})"
-            ) from error
-        return self._planner.cost_map(frame, cells)
-
-    def _fetch_points(self, instance: str) -> NDArray[np.floating]:
-        """Surface points [N, 3] of an instance, map frame; empty when irsd has none."""
-        reply = self._first(self._keys.points(instance))
-        if reply is None:
-            return np.zeros((0, 3), np.float32)
-        points = array_from_bytes(reply.payload, reply.attachment or b"")
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise DecodeError(f"points of {instance}: expected [N, 3], got {points.shape}")
-        return points
-
-
-def _checked_goto(document: Mapping[str, Any]) -> tuple[str, float | None, XyYaw | None]:
-    """(query, within_m, where to start from) of a goto request. DecodeError says what is wrong with it."""
-    query, within, start = document.get("query"), document.get("within_m"), document.get("from")
-    if not isinstance(query, str) or not query.strip():
-        raise DecodeError("nav/goto: query must be text")
-    if within is not None and not (isinstance(within, (int, float)) and 0.05 <= within <= 10.0):
-        raise DecodeError(f"nav/goto: within_m = {within!r}: must be in 0.05 .. 10")
-    pose: XyYaw | None = None
-    if start is not None:
-        numbers = list(start) if isinstance(start, (list, tuple)) else []
-        if len(numbers) not in (2, 3) or not all(isinstance(v, (int, float)) and math.isfinite(v) for v in numbers):
-            raise DecodeError(f"nav/goto: from = {start!r}: must be [x, y] or [x, y, yaw]")
-        pose = (float(numbers[0]), float(numbers[1]), float(numbers[2]) if len(numbers) == 3 else 0.0)
-    return query, None if within is None else float(within), pose
 
 
 def run_bridge(settings: BridgeSettings, robot: str | None, endpoint: str | None) -> None:

@@ -101,8 +101,14 @@ def find_language(folded: str) -> str:
     if any("\u0400" <= c <= "\u04ff" for c in folded):
         return "ru"
     tokens = folded.split()
-    counts = {lang: sum(t in marks for t in tokens) for lang, marks in w.MARKS.items()}
+    counts = {lang: sum(t in marks for t in tokens) + _commands(tokens, lang) for lang, marks in w.MARKS.items()}
     return max(counts, key=lambda lang: counts[lang])  # the first of equals: English
+
+
+def _commands(tokens: Sequence[str], language: str) -> int:
+    """Words of the longest command of a language that a sentence starts with: "geh", "ve a"; 0 for none, or a syllable."""
+    found = (c for c in w.COMMANDS[language] if tuple(tokens[: len(c)]) == c and len(" ".join(c)) > 2)
+    return max((len(c) for c in found), default=0)
 
 
 def _strip_ends(tokens: list[str], language: str) -> list[str]:
@@ -201,6 +207,9 @@ def _by_name(text: str, language: str, tokens: list[str], names: Names) -> GoalS
     spec = GoalSpec(text, language, (), room=room, choice=choice, rank=rank)
     spec = _place(spec, segments, language, names)
     phrase = noun_phrase(bare, language, names)
+    only_command = not bare or any(tuple(bare) in w.COMMANDS[k] for k in (language, "en"))
+    if spec.room and only_command and not spec.relations and not spec.choice:
+        return replace(spec, room_is_goal=True)  # "drive into the kitchen"
     is_room = bool(bare) and not names.known(phrase.name) and names.known_room(" ".join(bare))
     if is_room and not spec.relations and not spec.room:
         return replace(spec, room=" ".join(bare), room_is_goal=True)
@@ -289,7 +298,7 @@ def _split(tokens: Sequence[str], language: str, names: Names) -> tuple[list[str
         if (
             match is not None
             and at + len(match[0]) < len(tokens) + (1 if segments else 0)
-            and (_bare(head) or match[1] not in _NEED_HEAD)
+            and (any(t not in w.ARTICLES for t in head) or match[1] not in _NEED_HEAD)
         ):
             current = []
             segments.append((match[1], current, negated))

@@ -16,8 +16,9 @@ from irsd.core.grid import GridFrame
 from irsd.graph.codec import png_to_occupancy, snapshot_from_json
 from irsd.graph.model import GraphSnapshot
 from irsd.perception.encoder import LabelEncoder
+from nav_bridge.answer import answer_document
 from nav_bridge.config import BridgeSettings, load_map_file
-from nav_bridge.planner import Planner, XyYaw, answer_document
+from nav_bridge.planner import Planner, World, XyYaw
 
 EXIT_CODES: Mapping[str, int] = {"resolved": 0, "ambiguous": 3, "not_found": 4, "unreachable": 5}
 
@@ -89,9 +90,5 @@ def answer_all(
     known = load_map(folder)
     planner = Planner(LabelEncoder.load(), settings)
     costs = planner.cost_map(known.frame, known.occupancy)
-    return [
-        answer_document(
-            planner.answer(text, known.graph, lambda: costs, known.points_of, robot, within_m), known.graph, query_id
-        )
-        for query_id, text in queries
-    ]
+    world = World(known.graph, lambda: costs, known.points_of, robot)
+    return [answer_document(planner.answer(text, world, within_m), known.graph, query_id) for query_id, text in queries]

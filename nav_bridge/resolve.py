@@ -17,6 +17,7 @@ from nav_bridge import relations as rel
 from nav_bridge.evidence import Knowledge
 from nav_bridge.language import GoalSpec, Phrase, Relation
 from nav_bridge.relations import Box, box_of
+from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Resolved
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,47 +33,6 @@ class ResolveSettings:
     )
     min_existence: float = setting(0.2, "instances whose existence is less certain are not considered", lo=0.0, hi=1.0)
     max_candidates: int = setting(12, "how many candidates an answer lists", lo=1, hi=1000)
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """An instance that was considered. score: 0..1; rejected: why it is out, "" when it is not."""
-
-    instance: str
-    label: str
-    room: str | None
-    score: float
-    notes: tuple[str, ...] = ()
-    rejected: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Resolved:
-    """The goal means target. alternates: others that fulfil an open choice, next best first."""
-
-    target: Candidate
-    alternates: tuple[Candidate, ...]
-    considered: tuple[Candidate, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Ambiguous:
-    """Several fit (or one, not surely). question: what would tell them apart."""
-
-    candidates: tuple[Candidate, ...]
-    question: str
-    considered: tuple[Candidate, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class NotFound:
-    """Nothing known fits."""
-
-    reason: str
-    considered: tuple[Candidate, ...]
-
-
-Resolution = Resolved | Ambiguous | NotFound
 
 
 @dataclass(slots=True)
@@ -95,14 +55,12 @@ class _Case:
 def resolve(
     spec: GoalSpec, graph: GraphSnapshot, knowledge: Knowledge, robot_xy: tuple[float, float], settings: ResolveSettings
 ) -> Resolution:
-    """What the goal means in this graph. robot_xy: where the robot is (for nearest, second, ...), map frame, metres."""
+    """Which thing the goal means in this graph (``room_goal`` is for rooms).
+
+    robot_xy: where the robot is (for nearest, second, ...), map frame, metres.
+    """
     if not spec.things:
-        reason = (
-            "a room is no thing to stand before: name a thing in it"
-            if spec.room_is_goal
-            else "the sentence names nothing to go to"
-        )
-        return NotFound(reason, ())
+        return NotFound("the sentence names nothing to go to", ())
     cases = _named(spec, graph, knowledge, settings)
     named = ", ".join(thing.name for thing in spec.things[:3])
     if not cases:

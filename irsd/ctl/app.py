@@ -122,6 +122,38 @@ def goto(
 
 
 @cli.command()
+@click.argument("query")
+@click.option(
+    "--within", "within_m", type=click.FloatRange(0.1, 5.0), help="Accept a greater distance to the target, metres."
+)
+@click.option(
+    "--offline", type=click.Path(exists=True, file_okay=False, path_type=Path), help="Answer from a replay's folder."
+)
+@click.option("--from", "start", metavar="X,Y[,YAW]", help="With --offline: where the robot stands.")
+@json_option
+@click.pass_obj
+def why(
+    target: Target, query: str, within_m: float | None, offline: Path | None, start: str | None, as_json: bool
+) -> int:
+    """Say how the answer to QUERY comes about, without driving: what was considered, and why it was rejected."""
+    from irsd.ctl import why as explain
+
+    if start is not None and offline is None:
+        raise click.UsageError("--from belongs to --offline")
+    return explain.why(target, query, offline, start, within_m, as_json)
+
+
+@cli.command()
+@click.argument("query")
+@json_option
+def parse(query: str, as_json: bool) -> int:
+    """Show what QUERY is understood to say; needs neither irsd nor a robot."""
+    from irsd.ctl import why as explain
+
+    return explain.parse(query, as_json)
+
+
+@cli.command()
 @json_option
 @click.pass_obj
 def cancel(target: Target, as_json: bool) -> int:

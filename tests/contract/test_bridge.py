@@ -212,6 +212,24 @@ def test_what_cannot_be_driven_is_answered_and_not_driven(world: StandIn) -> Non
     assert world.ask("cancel", {})["goal_id"] is None
 
 
+def test_why_explains_and_does_not_drive(world: StandIn) -> None:
+    ready(world, "elephant")
+    answer = world.ask("why", {"query": "the TV in the kitchen"})
+    assert (answer["status"], answer["target"]["instance"]) == ("resolved", "I12")
+    assert {c["instance"] for c in answer["why"]["considered"]} == {"I2", "I12"}
+    assert answer["why"]["poses_tried"]
+    assert "goal_id" not in answer
+    assert "error" in world.ask("why", {"query": ""})
+    assert world.states.drain() == []
+
+
+def test_a_room_is_a_goal_too(world: StandIn) -> None:
+    answer = ready(world, "go to the kitchen")
+    assert (answer["target"]["instance"], answer["target"]["room"]) == (None, "R2")
+    assert world.drive_until(lambda s: s["state"] == "reached")[-1]["text"] == "Reached: R2 kitchen"
+    assert 5.6 < world.pose[0] < 9.4
+
+
 def test_cancel_stops_the_robot(world: StandIn) -> None:
     answer = ready(world, "fridge")
     world.drive_until(lambda s: s["state"] == "driving")

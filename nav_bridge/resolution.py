@@ -1,0 +1,51 @@
+"""What becomes of a goal in words: Resolved, Ambiguous with the candidates, or NotFound with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A node that was considered. instance: its id, that of a room where the goal is a room; score: 0..1; rejected: why it is
+    out, "" when it is not."""
+
+    instance: str
+    label: str
+    room: str | None
+    score: float
+    notes: tuple[str, ...] = ()
+    rejected: str = ""
+
+    @property
+    def is_room(self) -> bool:
+        return self.instance.startswith("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """The goal means target. alternates: others that fulfil an open choice, next best first."""
+
+    target: Candidate
+    alternates: tuple[Candidate, ...]
+    considered: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ambiguous:
+    """Several fit (or one, not surely). question: what would tell them apart."""
+
+    candidates: tuple[Candidate, ...]
+    question: str
+    considered: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NotFound:
+    """Nothing known fits."""
+
+    reason: str
+    considered: tuple[Candidate, ...]
+
+
+Resolution = Resolved | Ambiguous | NotFound
