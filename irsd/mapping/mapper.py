@@ -12,6 +12,7 @@ from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
 from irsd.mapping import frustum, kernels
+from irsd.mapping.floors import Floors, FloorSettings
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
 from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines
 from irsd.mapping.structure_kernels import in_wall_band, label_points
@@ -26,6 +27,16 @@ class MappingSettings:
     voxels: VoxelSettings = field(default_factory=VoxelSettings)
     occupancy: OccupancySettings = field(default_factory=OccupancySettings)
     structure: StructureSettings = field(default_factory=StructureSettings)
+    floors: FloorSettings = field(default_factory=FloorSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class _Storey:
+    """What is kept by plan cell, and so for every floor of the building apart."""
+
+    grid: SliceGrid
+    level_map: LevelMap
+    walls: WallLines
 
 
 class Mapper:
@@ -34,13 +45,27 @@ class Mapper:
     def __init__(self, settings: MappingSettings) -> None:
         self.settings = settings
         self.voxels = VoxelMap(settings.voxels)
-        self.grid = SliceGrid(settings.occupancy)
         self.levels = Levels(settings.structure)
-        self.level_map = LevelMap(settings.structure, settings.occupancy.max_area_m2)
-        self.walls = WallLines(settings.structure, settings.occupancy.max_area_m2)
+        self.floors = Floors(settings.floors)
+        self._storeys = {0: self._new_storey()}
         self._sweep = 0
         self._scans = 0
         self._ignored = 0
+
+    @property
+    def grid(self) -> SliceGrid:
+        """The plan of the floor where the robot is."""
+        return self._storeys[self.floors.now].grid
+
+    @property
+    def level_map(self) -> LevelMap:
+        """Heights of floor and ceiling where the robot is."""
+        return self._storeys[self.floors.now].level_map
+
+    @property
+    def walls(self) -> WallLines:
+        """Wall lines of the floor where the robot is."""
+        return self._storeys[self.floors.now].walls
 
     def integrate(self, frame: SyncedFrame) -> MapUpdate:
         """Add one deskewed scan. Cost follows the scan, not the map."""
@@ -51,11 +76,12 @@ class Mapper:
         coarse = self.voxels.coarse[rows]
         surface, normals = self.voxels.surface.take(coarse, 0), self.voxels.normal.take(coarse, 0)
         self.levels.update(surface, normals, base, float(origin[2]))
+        measured = self._on_a_floor(float(base[2]))
         self.level_map.update(surface, normals, self.levels)
         self._learn_walls(surface, normals)
         self._label(np.concatenate([rows, self._next_sweep()]), base)
         changed = None
-        if len(points):
+        if len(points) and measured:  # what is seen from the stairs has no height above a floor
             level = np.abs(self.voxels.normal[self.voxels.coarse[touched.row_of_point], 2])
             changed = self.grid.integrate(
                 points, origin, level > self.settings.structure.horizontal,
@@ -63,6 +89,22 @@ class Mapper:
             )  # fmt: skip
         self._scans += 1
         return MapUpdate(frame.seq, frame.stamp_ns, rows, self.levels.floor_z_m, self.levels.ceiling_z_m, changed)
+
+    def _on_a_floor(self, base_z_m: float) -> bool:
+        """Whether the robot stands on a floor whose height is known; changes to another floor's plan when it has got there."""
+        before = self.floors.now
+        on_floor = self.floors.update(base_z_m, self.levels.floor_z_m)
+        if self.floors.now != before:
+            self.levels.forget()
+            if self.floors.now not in self._storeys:
+                self._storeys[self.floors.now] = self._new_storey()
+        near = abs(self.levels.floor_z_m - base_z_m) <= self.settings.floors.tolerance_m
+        return on_floor is not None and (near or len(self._storeys) == 1)
+
+    def _new_storey(self) -> _Storey:
+        s = self.settings
+        area_m2 = s.occupancy.max_area_m2
+        return _Storey(SliceGrid(s.occupancy), LevelMap(s.structure, area_m2), WallLines(s.structure, area_m2))
 
     def _usable(self, points: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float32]:
         """The finite points within max_range_m of the sensor."""
@@ -111,6 +153,7 @@ class Mapper:
             self.levels.floor_z_m,
             self.levels.ceiling_z_m,
             layers["lintel"],
+            self.floors.now,
         )
 
     def wall_points(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

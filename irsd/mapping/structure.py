@@ -77,6 +77,11 @@ class Levels:
         ceiling = self._level(start, _BINS, lowest=False)
         self.ceiling_z_m = ceiling if ceiling is not None else self.ceiling_z_m
 
+    def forget(self) -> None:
+        """Start anew on another floor of the building: what was seen below is not the floor here."""
+        self._histogram[:] = 0.0
+        self.ceiling_z_m = None
+
     def _level(self, start: int, end: int, *, lowest: bool) -> float | None:
         """Height of the lowest (or highest) strong peak among bins start..end, refined over +-3 bins; None if there is none."""
         start, end = max(start, 0), min(end, _BINS)

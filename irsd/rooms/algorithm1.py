@@ -7,7 +7,7 @@ new one. A room is the box of its walls. Kept for comparison: boxes overlap, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -61,8 +61,15 @@ class BoxRooms:
         """Cells known now and not at the last update."""
         return abs(int(evidence.known.sum()) - self._known)
 
-    def update(self, evidence: PlanEvidence, walls: WallPoints | None, path_xy: FloatArray) -> Rooms:
-        """Rooms after a look at the walls around the robot, the last point of path_xy [P, 2]."""
+    def updating(
+        self, evidence: PlanEvidence, walls: WallPoints | None, path_xy: FloatArray
+    ) -> Generator[None, None, Rooms]:
+        """Rooms after a look at the walls around the robot, the last point of path_xy [P, 2]. One step."""
+        yield from ()
+        return self.look(evidence, walls, path_xy)
+
+    def look(self, evidence: PlanEvidence, walls: WallPoints | None, path_xy: FloatArray) -> Rooms:
+        """``updating`` at once."""
         self._known = int(evidence.known.sum())
         lineage: tuple[str, ...] = ()
         if walls is not None and len(path_xy):
@@ -116,9 +123,9 @@ def box_map(free: NDArray[np.bool_], resolution_m: float, settings: RoomSettings
     evidence = PlanEvidence(frame, ~free, free, ~free, known, 0.0, None)
     rooms = BoxRooms(settings, IdSource())
     walls = _edges(free, resolution_m)
-    found = rooms.update(evidence, None, np.zeros((0, 2)))
+    found = rooms.look(evidence, None, np.zeros((0, 2)))
     for place in _places(free, resolution_m):
-        found = rooms.update(evidence, walls, place[None])
+        found = rooms.look(evidence, walls, place[None])
     numbers = np.zeros(max(found.ids, default=0) + 1, np.int32)
     numbers[list(found.ids)] = np.arange(1, len(found.ids) + 1)
     labels = np.where(free, numbers[found.labels], 0).astype(np.int32)
@@ -158,9 +165,11 @@ def _touching(segments: Walls, walls: Walls, settings: WallSettings) -> NDArray[
     """[N] True for segments that are one wall with any of ``walls``."""
     if not len(segments) or not len(walls):
         return np.zeros(len(segments), bool)
-    same = same_wall(_joined([segments, walls]), settings)
-    count = len(segments)
-    return np.asarray((same[:count, count:] | same[count:, :count].T).any(1))
+    pairs = same_wall(_joined([segments, walls]), settings)
+    low, high = pairs.min(1), pairs.max(1)
+    touching = np.zeros(len(segments), bool)
+    touching[low[(low < len(segments)) & (high >= len(segments))]] = True
+    return touching
 
 
 def _joined(parts: Sequence[Walls]) -> Walls:

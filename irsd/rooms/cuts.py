@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from irsd.rooms.kernels import trace
+from irsd.rooms.kernels import any_same, choose_apart, trace
 
 FloatArray = NDArray[np.float64]
 
@@ -88,7 +88,9 @@ def free_length(dist: NDArray[np.float32], start: FloatArray, direction: FloatAr
 
     start, direction: [N, 2] (x, y), unit directions.
     """
-    return np.asarray(trace(dist, np.ascontiguousarray(start), np.ascontiguousarray(direction), float(limit)))
+    return np.asarray(
+        trace(np.ascontiguousarray(dist), np.ascontiguousarray(start), np.ascontiguousarray(direction), float(limit))
+    )
 
 
 def find_corners(space: NDArray[np.bool_], solid: NDArray[np.bool_], tolerance: float) -> Corners:
@@ -314,24 +316,14 @@ def find_cuts(dist: NDArray[np.float32], corners: Corners, reach: Reach, lintel:
 def without_crossings(cuts: Cuts, near: float) -> Cuts:
     """The best cuts (least ratio, then least width) of which no two cross or share both ends within ``near`` cells."""
     order = np.lexsort((cuts.ends[:, 0, 1], cuts.ends[:, 0, 0], cuts.width, np.round(cuts.ratio, 2)))
-    kept = np.empty((len(order), 2, 2))
-    chosen: list[int] = []
-    for i in order:
-        ends = cuts.ends[i]
-        others = kept[: len(chosen)]
-        if not (_crosses(ends, others).any() or _same(ends, others, near).any()):
-            kept[len(chosen)] = ends
-            chosen.append(int(i))
-    return cuts.take(np.array(chosen, np.intp))
+    return cuts.take(choose_apart(np.ascontiguousarray(cuts.ends), order, near))
 
 
 def preferring(cuts: Cuts, before: FloatArray, near: float) -> Cuts:
     """The cuts, those whose ends lie within ``near`` cells of the ends of one that stood before [K, 2, 2] made likelier."""
     if not len(before) or not len(cuts.ends):
         return cuts
-    stood = np.zeros(len(cuts.ends), bool)
-    for ends in before:
-        stood |= _same(ends, cuts.ends, near)
+    stood = any_same(np.ascontiguousarray(cuts.ends), np.ascontiguousarray(before), near)
     return cuts.favoured(stood, _STOOD)
 
 
@@ -352,27 +344,3 @@ def drawn(cuts: Cuts, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         (x0, y0), (x1, y1) = np.rint(ends).astype(int).tolist()
         cv2.line(canvas, (x0, y0), (x1, y1), 1, 1, cv2.LINE_8)
     return canvas > 0
-
-
-def _crosses(ends: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
-    """[K] True where the segment crosses the others' insides (touching at an end is not crossing)."""
-    a, b = ends
-    c, d = others[:, 0], others[:, 1]
-
-    def hand(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
-        u, v = q - p, r - p
-        return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-
-    # A margin of one cell: ends that meet on the same corner do not cross.
-    size, sizes = np.hypot(*(b - a)), np.hypot(*(d - c).T)
-    one, two = hand(a, b, c) / size, hand(a, b, d) / size
-    three, four = hand(c, d, a) / sizes, hand(c, d, b) / sizes
-    apart = (np.minimum(np.abs(one), np.abs(two)) > 1.0) & (np.minimum(np.abs(three), np.abs(four)) > 1.0)
-    return np.asarray((one * two < 0) & (three * four < 0) & apart)
-
-
-def _same(ends: FloatArray, others: FloatArray, near: float) -> NDArray[np.bool_]:
-    """[K] True where both ends lie within ``near`` cells of the other's ends."""
-    straight = np.linalg.norm(others - ends, axis=2).max(1, initial=0.0) if len(others) else np.zeros(0)
-    swapped = np.linalg.norm(others[:, ::-1] - ends, axis=2).max(1, initial=0.0) if len(others) else np.zeros(0)
-    return np.asarray(np.minimum(straight, swapped) < near)

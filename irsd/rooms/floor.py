@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,14 @@ from numpy.typing import NDArray
 
 from irsd.core.types import Opening, PlanEvidence, RoomFootprint, Rooms
 from irsd.rooms.outline import Footprints, WallPoints
-from irsd.rooms.segment import label_evidence, openings_between
+from irsd.rooms.segment import labelling, openings_between
 from irsd.rooms.settings import RoomSettings
 from irsd.rooms.tracker import IdSource, RoomTracker
 from irsd.rooms.walls import merge_levels
 
 _BLOCK = 32  # evidence is cropped to whole blocks of cells, so that the crop seldom changes
+_STRIDE_M = 0.2  # steps of the path that is kept
+_MAX_PATH = 5000
 _PASSED_M = 0.3  # a path this near beside a door's ends still went through it
 
 
@@ -29,6 +32,8 @@ class FloorRooms:
         self._evidence: PlanEvidence | None = None
         self._floors: tuple[tuple[float, float], ...] = ()  # (height, times seen) of every level
         self._ceilings: tuple[tuple[float, float], ...] = ()
+        # An opening may be found long after the robot went through it.
+        self._path: deque[tuple[float, float]] = deque(maxlen=_MAX_PATH)
         self.rooms: Rooms | None = None
 
     def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
@@ -45,11 +50,15 @@ class FloorRooms:
         heights = (now.floor_z_m, now.ceiling_z_m) != (self._evidence.floor_z_m, self._evidence.ceiling_z_m)
         return int(((now.free != last.free) | (now.wall != last.wall)).sum()) + int(heights)
 
-    def update(self, evidence: PlanEvidence, walls: WallPoints | None, path_xy: NDArray[np.float64]) -> Rooms:
-        """Rooms of the floor as it is now. path_xy: float64 [P, 2], where the robot went since the last update."""
+    def updating(
+        self, evidence: PlanEvidence, walls: WallPoints | None, path_xy: NDArray[np.float64]
+    ) -> Generator[None, None, Rooms]:
+        """Rooms of the floor as the evidence shows it, in steps of bounded length. path_xy: float64 [P, 2], where the robot went
+        since the last update."""
         evidence = cropped(evidence)
         before: tuple[Opening, ...] = () if self.rooms is None else self.rooms.openings
-        labels, openings = label_evidence(evidence, self._settings.segment, before)
+        labels, openings = yield from labelling(evidence, self._settings.segment, before)
+        yield
         tracked = self._tracker.update(labels, evidence.frame)
         heights = self._levels(evidence)
         ids, footprints = self._footprints.draw(tracked.labels, evidence.frame, heights, walls)
@@ -57,25 +66,23 @@ class FloorRooms:
         found = openings_between(tracked.labels, evidence.frame, (*_remembering(openings, before), *before))
         self._evidence = evidence
         self.rooms = Rooms(evidence.frame, tracked.labels, ids, footprints, found, tracked.lineage)
-        self.walked(path_xy)
+        self._walked(path_xy)
         return self.rooms
 
-    def walked(self, path_xy: NDArray[np.float64]) -> None:
-        """Mark the openings that a path [P, 2] goes through."""
-        if self.rooms is None or len(path_xy) < 2:
+    def _walked(self, path_xy: NDArray[np.float64]) -> None:
+        """Mark the openings that the path goes through; path_xy [P, 2] continues it."""
+        for x, y in path_xy.tolist():
+            if not self._path or abs(x - self._path[-1][0]) + abs(y - self._path[-1][1]) >= _STRIDE_M:
+                self._path.append((x, y))
+        if self.rooms is None or len(self._path) < 2:
             return
+        path_xy = np.array(self._path)
         marked = tuple(
             o if o.traversed or not _goes_through(path_xy, o.segment_xy) else replace(o, traversed=True)
             for o in self.rooms.openings
         )
         if any(a is not b for a, b in zip(marked, self.rooms.openings, strict=True)):
             self.rooms = replace(self.rooms, openings=marked)
-
-    def settled(self) -> Rooms | None:
-        """The last rooms once more; what happened to them is news only once."""
-        if self.rooms is not None and self.rooms.lineage:
-            self.rooms = replace(self.rooms, lineage=())
-        return self.rooms
 
     def _levels(self, evidence: PlanEvidence) -> tuple[float, float | None]:
         """Heights of the floor and ceiling that the evidence means: of all seen so far, those within tau_3 are one level."""

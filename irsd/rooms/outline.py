@@ -16,6 +16,8 @@ from irsd.rooms.walls import WallSettings, find_walls, polygon_area, snapped
 
 Labels = NDArray[np.int32]
 WallPoints = tuple[NDArray[np.float32], NDArray[np.float32]]
+_MAX_POINTS = 3000  # around one room
+_REFRESHED = 2  # rooms per call whose cells are as before, drawn again because more is known of their walls
 Box = tuple[slice, slice]
 
 
@@ -51,7 +53,7 @@ class Footprints:
             return (), ()
         grown = filled(labels, np.ones(labels.shape, bool), self._settings.wall_reach_m / frame.resolution_m)
         start = np.rint(np.array(frame.origin_xy_m)[::-1] / frame.resolution_m).astype(int)
-        drawn = {}
+        drawn, refreshed = {}, 0
         for number, box in enumerate(find_objects(grown), 1):
             if box is None:
                 continue
@@ -60,11 +62,13 @@ class Footprints:
             near = None if walls is None else _near(walls, box, frame, 2 * (self._walls or WallSettings()).snap_m)
             count = 0 if near is None else len(near[0])
             last = self._drawn.get(number)
-            same = last is not None and last.corner == corner and np.array_equal(last.mask, mask)
-            # Walls are seen better all the time; a few points more do not move an outline.
-            if same and last is not None and abs(count - last.wall_count) <= 0.1 * last.wall_count:
-                drawn[number] = last
-                continue
+            if last is not None and last.corner == corner and np.array_equal(last.mask, mask):
+                # Walls are seen better all the time, but few points more do not move an outline.
+                again = count > 1.5 * last.wall_count and refreshed < _REFRESHED
+                if not again:
+                    drawn[number] = last
+                    continue
+                refreshed += 1
             polygon = outline(mask, (box[0].start, box[1].start), frame, self._settings.simplify_m / 2)
             area_m2 = float(mask.sum()) * frame.resolution_m**2
             if near is not None and self._walls is not None and count:
@@ -88,7 +92,8 @@ def _near(walls: WallPoints, box: Box, frame: GridFrame, reach_m: float) -> Wall
     low = origin + np.array([box[1].start, box[0].start]) * edge - reach_m
     high = origin + np.array([box[1].stop, box[0].stop]) * edge + reach_m
     x, y = points[:, 0], points[:, 1]
-    inside = (x > low[0]) & (y > low[1]) & (x < high[0]) & (y < high[1])
+    inside = np.flatnonzero((x > low[0]) & (y > low[1]) & (x < high[0]) & (y < high[1]))
+    inside = inside[:: max(-(-len(inside) // _MAX_POINTS), 1)]
     return points[inside], normals[inside]
 
 

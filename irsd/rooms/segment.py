@@ -9,7 +9,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -24,7 +25,9 @@ from irsd.rooms.pieces import choose_cuts, cut_pieces
 from irsd.rooms.settings import SegmentSettings
 from irsd.rooms.space import Plan, open_space, solid_walls
 
+T = TypeVar("T")
 Labels = NDArray[np.int32]
+Labelling = Generator[None, None, tuple[Labels, tuple[Opening, ...]]]
 
 _BESIDE_M = 0.2  # the rooms of an opening are looked up this far beside it
 _CORNER_M = 0.3
@@ -44,7 +47,7 @@ def segment_map(
     frame = GridFrame((0.0, 0.0), resolution_m, *image.shape)
     # What is not free in a 2D map is wall: there is nothing between the room and its face to be grown into.
     exact = dataclasses.replace(settings or SegmentSettings(), wall_reach_m=0.0)
-    labels, openings = label_plan(frame, Plan(free, ~free, None), exact)
+    labels, openings = finished(label_plan(frame, Plan(free, ~free, None), exact))
     _, rooms = Footprints(exact).draw(labels, frame, (0.0, None))
     return RoomSegmentation(frame, labels, rooms, openings)
 
@@ -63,24 +66,38 @@ def label_evidence(
     evidence: PlanEvidence, settings: SegmentSettings, before: Sequence[Opening] = ()
 ) -> tuple[Labels, tuple[Opening, ...]]:
     """``segment_evidence`` without footprints: labels int32 [H, W] (0 = none) and the openings between them."""
+    return finished(labelling(evidence, settings, before))
+
+
+def finished(work: Generator[None, None, T]) -> T:
+    """What work in steps comes to, all steps at once."""
+    while True:
+        try:
+            next(work)
+        except StopIteration as done:
+            result: T = done.value
+            return result
+
+
+def labelling(evidence: PlanEvidence, settings: SegmentSettings, before: Sequence[Opening] = ()) -> Labelling:
+    """``label_evidence`` in steps of bounded length: each ``next`` does one, the last one returns."""
     if not evidence.free.any():  # OpenCV does not survive grids without cells
         return np.zeros(evidence.free.shape, np.int32), ()
     wall = solid_walls(evidence.wall, evidence.low, settings, evidence.frame.resolution_m)
     plan = Plan(evidence.free & ~evidence.wall, wall, evidence.lintel)
-    return label_plan(evidence.frame, plan, settings, before)
+    return (yield from label_plan(evidence.frame, plan, settings, before))
 
 
-def label_plan(
-    frame: GridFrame, plan: Plan, settings: SegmentSettings, before: Sequence[Opening] = ()
-) -> tuple[Labels, tuple[Opening, ...]]:
-    """Rooms of free space among walls: labels int32 [H, W] (0 = none) and the openings between them."""
+def label_plan(frame: GridFrame, plan: Plan, settings: SegmentSettings, before: Sequence[Opening] = ()) -> Labelling:
+    """Rooms of free space among walls, in steps: labels int32 [H, W] (0 = none) and the openings between them."""
     resolution = frame.resolution_m
     if not plan.free.any():
         return np.zeros((frame.height, frame.width), np.int32), ()
     space = open_space(plan.free & ~plan.wall, settings, resolution)
     solid = cv2.dilate(plan.wall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    dist = clearance(space)
     chosen = choose_cuts(space, solid, plan.lintel, settings, resolution, _cells_of(before, frame))
+    yield
+    dist = clearance(space)
     pieces, borders = cut_pieces(space, chosen)
     room_of = merge_pieces(pieces, borders, chosen, dist, settings, resolution)
     # Closing walls rounded the corners of rooms off: what is free there belongs to the room beside.

@@ -6,7 +6,7 @@ change has waited: what a scan costs in the mean follows what it changed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from irsd.core.types import PlanEvidence, RoomFootprint, Rooms
 from irsd.rooms.algorithm1 import BoxRooms
 from irsd.rooms.floor import FloorRooms
+from irsd.rooms.kernels import warm_up
 from irsd.rooms.outline import WallPoints
+from irsd.rooms.segment import finished
 from irsd.rooms.settings import RoomSettings
 from irsd.rooms.tracker import IdSource
 
@@ -40,6 +42,7 @@ class RoomStage:
     """Rooms of the growing map. Unchanged evidence gives back the same object."""
 
     def __init__(self, settings: RoomSettings) -> None:
+        warm_up()
         self._settings = settings
         self._ids = IdSource()
         self._floors: dict[int, FloorRooms | BoxRooms] = {}
@@ -47,6 +50,7 @@ class RoomStage:
         self._rooms: Rooms | None = None
         self._walls: WallPoints | None = None
         self._path: list[tuple[float, float]] = []
+        self._running: Generator[None, None, Rooms] | None = None
         self._waited = 0
         self._walls_due = True
 
@@ -58,18 +62,24 @@ class RoomStage:
         self._ids.reserve(ids)
 
     def follow(self, source: PlanSource, robot_xy: tuple[float, float] | None = None) -> Rooms:
-        """Rooms after one more scan: looks at the plan every few calls, and works when enough of it has changed."""
+        """Rooms after one more scan: looks at the plan every few calls, works when enough of it has changed, and then one step of
+        the work in each call."""
         if robot_xy is not None and len(self._path) < _MAX_PATH:
             self._path.append(robot_xy)
         self._waited += 1
-        if self._rooms is not None and self._waited % self._settings.look_every:
-            if self._walls_due:  # not in the same step as a pass over the plan: no step costs both
+        if self._rooms is None:
+            return finished(self._work(source.plan_evidence(), None))
+        if self._running is not None:
+            return self._step(self._running)
+        if self._waited % self._settings.look_every:
+            if self._walls_due:
                 self._walls, self._walls_due = _thinned(*source.wall_points()), False
             return self._settled(self._rooms)
         evidence = source.plan_evidence()
-        if self._rooms is not None and not self._due(evidence):
+        if not self._due(evidence):
             return self._settled(self._rooms)
-        return self._work(evidence, self._walls)
+        self._running = self._work(evidence, self._walls)
+        return self._settled(self._rooms)
 
     def update(
         self,
@@ -82,11 +92,26 @@ class RoomStage:
 
         wall_points, wall_normals: float32 [W, 3], map frame: voxels of walls and their unit normals. path_xy: where the robot went.
         """
+        news: tuple[str, ...] = ()
+        if self._running is not None:
+            news, self._running = finished(self._running).lineage, None
         self._path += path_xy
         floor = self._floors.get(evidence.floor)
-        if self._rooms is not None and floor is not None and not floor.changed(evidence) and not self._path:
+        if self._rooms is not None and floor is not None and not floor.changed(evidence) and not path_xy:
             return self._settled(self._rooms)
-        return self._work(evidence, _thinned(wall_points, wall_normals))
+        rooms = finished(self._work(evidence, _thinned(wall_points, wall_normals)))
+        self._rooms = replace(rooms, lineage=(*news, *rooms.lineage)) if news else rooms
+        return self._rooms
+
+    def _step(self, work: Generator[None, None, Rooms]) -> Rooms:
+        try:
+            next(work)
+        except StopIteration as done:
+            self._running = None
+            rooms: Rooms = done.value
+            return rooms
+        assert self._rooms is not None
+        return self._settled(self._rooms)
 
     def _due(self, evidence: PlanEvidence) -> bool:
         """Whether enough has changed for a pass, or a little has waited long enough."""
@@ -97,16 +122,16 @@ class RoomStage:
         waited = self._waited >= self._settings.settle_after and changed > 0
         return waited or changed >= max(self._settings.changed_share * float(evidence.known.sum()), 1.0)
 
-    def _work(self, evidence: PlanEvidence, walls: WallPoints | None) -> Rooms:
+    def _work(self, evidence: PlanEvidence, walls: WallPoints | None) -> Generator[None, None, Rooms]:
         floor = self._floors.get(evidence.floor)
         if floor is None:
             make = BoxRooms if self._settings.method == "irs" else FloorRooms
             floor = self._floors[evidence.floor] = make(self._settings, self._ids)
             mine = [(i, f) for i, f in self._restored if f.floor == evidence.floor]
             floor.restore([i for i, _ in mine], [f for _, f in mine])
-        rooms = floor.update(evidence, walls, np.array(self._path, np.float64).reshape(-1, 2))
-        self._path = self._path[-1:]
+        path, self._path = self._path, self._path[-1:]
         self._waited, self._walls_due = 0, True
+        rooms = yield from floor.updating(evidence, walls, np.array(path, np.float64).reshape(-1, 2))
         others = [self._floors[k].rooms for k in sorted(self._floors) if k != evidence.floor]
         self._rooms = _together(rooms, [o for o in others if o is not None])
         return self._rooms

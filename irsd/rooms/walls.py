@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from irsd.core.settings import setting
+from irsd.rooms.kernels import one_wall_pairs
 
 FloatArray = NDArray[np.float64]
 
@@ -133,30 +134,17 @@ def _one_wall(walls: Walls, settings: WallSettings) -> NDArray[np.int64]:
     """Group number of every wall [N]: connected by c1 >= tau_1 and c2 >= tau_2."""
     if not len(walls):
         return np.zeros(0, np.int64)
-    same = same_wall(walls, settings)
-    rows, columns = np.nonzero(same)
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=same.shape)
+    pairs = same_wall(walls, settings)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(walls), len(walls)))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
-def same_wall(walls: Walls, settings: WallSettings) -> NDArray[np.bool_]:
-    """bool [N, N], True where wall i, the shorter, is one with wall j: c1 >= tau_1 and c2 >= tau_2 beside one line."""
-    middle = walls.span.mean(1)
-    tangent = np.stack([-walls.normal[:, 1], walls.normal[:, 0]], axis=1)
-    centre = walls.normal * walls.offset[:, None] + tangent * middle[:, None]
-    c2 = walls.normal @ walls.normal.T
-    # Seen from the longer wall: where the ends of the other project to, and how far off its line they lie.
-    half = (walls.span[:, 1] - walls.span[:, 0]) / 2
-    at = centre @ tangent.T
-    reach = half[:, None] * np.abs(c2)
-    low = np.maximum(at - reach, (walls.span[:, 0] - settings.gap_m / 2)[None, :])
-    high = np.minimum(at + reach, (walls.span[:, 1] + settings.gap_m / 2)[None, :])
-    # Pieces that continue each other share little; an overlap of part of the allowed gap joins them as well.
-    shorter = np.clip(2 * np.minimum(half[:, None], half[None, :]), settings.thickness_m, settings.gap_m)
-    c1 = np.clip(high - low, 0.0, None) / shorter
-    off = np.abs(centre @ walls.normal.T - walls.offset[None, :])
-    near = (off <= settings.thickness_m) & (half[:, None] <= half[None, :])
-    return np.asarray(near & (c1 >= settings.tau_1) & (c2 >= settings.tau_2))
+def same_wall(walls: Walls, settings: WallSettings) -> NDArray[np.int64]:
+    """Pairs [K, 2] of walls that are one: c1 >= tau_1 and c2 >= tau_2 beside one line; the first is not the longer."""
+    s = settings
+    normal, offset, span = (np.ascontiguousarray(a) for a in (walls.normal, walls.offset, walls.span))
+    pairs = one_wall_pairs(normal, offset, span, s.tau_1, s.tau_2, s.thickness_m, s.gap_m)
+    return np.asarray(pairs, np.int64)
 
 
 def merge_levels(heights_m: FloatArray, weights: FloatArray, tau_3_m: float) -> FloatArray:
