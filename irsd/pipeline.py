@@ -134,6 +134,7 @@ class MapPipeline:
 
     def _commit(self, stamp_ns: int, ms: dict[str, float]) -> GraphDelta | None:
         with _timed(ms, "fusion"):
+            self._memory.follow_rooms(self._rooms)
             instances = self._memory.collect(stamp_ns)
         with _timed(ms, "graph"):
             delta = self._builder.build(self._rooms, instances, stamp_ns)
