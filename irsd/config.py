@@ -37,11 +37,8 @@ _COMMENT_COLUMNS = 110
 
 @dataclass(frozen=True)
 class PaceSettings:
-    """How often the slower stages run, in sensor time."""
+    """How often the graph is brought up to date, in sensor time."""
 
-    rooms_period_s: float = setting(
-        1.0, "rooms are segmented anew at most this often, and only if the plan changed", lo=0.0
-    )
     graph_period_s: float = setting(0.5, "graph deltas are made at most this often", lo=0.0)
 
 

@@ -54,8 +54,6 @@ class MapPipeline:
         self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)
         self._graph = SceneGraph(map_id=map_id, frame=frame)
         self._rooms: Rooms | None = None
-        self._plan_changed = False
-        self._rooms_due_ns = 0
         self._graph_due_ns = 0
 
     def step(self, frame: SyncedFrame) -> StepResult:
@@ -65,14 +63,11 @@ class MapPipeline:
         # 1. The scan into the voxel map and the plan.
         with _timed(ms, "mapping"):
             update = self._mapper.integrate(frame)
-            self._plan_changed |= update.changed_xy_m is not None
 
-        # 2. Rooms, when the plan has changed and their period is over.
-        if self._plan_changed and frame.stamp_ns >= self._rooms_due_ns:
-            with _timed(ms, "rooms"):
-                x, y = frame.map_T_base[:2, 3].tolist()
-                self._rooms = self._room_stage.follow(self._mapper, (x, y))
-            self._rooms_due_ns = frame.stamp_ns + round(self._settings.pace.rooms_period_s * NS_PER_S)
+        # 2. Rooms: the stage looks at the plan now and then, and spreads its work over the scans.
+        with _timed(ms, "rooms"):
+            x, y = frame.map_T_base[:2, 3].tolist()
+            self._rooms = self._room_stage.follow(self._mapper, (x, y))
 
         # 3. What the cameras saw: masks to 3D points, points to instances.
         for view in frame.views:
@@ -96,10 +91,8 @@ class MapPipeline:
     def finish(self, stamp_ns: int) -> StepResult:
         """Run every stage once more on all that was gathered: the end of a recording, or a clean stop."""
         ms: dict[str, float] = {}
-        if self._plan_changed:
-            with _timed(ms, "rooms"):
-                self._rooms = self._room_stage.update(self._mapper.plan_evidence(), *self._mapper.wall_points())
-                self._plan_changed = False
+        with _timed(ms, "rooms"):
+            self._rooms = self._room_stage.update(self._mapper.plan_evidence(), *self._mapper.wall_points())
         delta = self._commit(stamp_ns, ms)
         update = MapUpdate(0, stamp_ns, np.zeros(0, np.int32), 0.0, None, None)
         return StepResult(update, delta, self._graph.snapshot(), ms)

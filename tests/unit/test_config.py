@@ -110,9 +110,9 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_values_arrive_in_their_sections(tmp_path: Path) -> None:
-    config = load_config(write(tmp_path, "robot: r2\npipeline: {pace: {rooms_period_s: 2}}\nzenoh: {connect: []}\n"))
+    config = load_config(write(tmp_path, "robot: r2\npipeline: {pace: {graph_period_s: 2}}\nzenoh: {connect: []}\n"))
     assert config.robot == "r2"
-    assert config.pipeline.pace.rooms_period_s == 2.0
+    assert config.pipeline.pace.graph_period_s == 2.0
     assert config.zenoh.connect == ()
     assert load_config(write(tmp_path, render_yaml(config))) == config
 
