@@ -1,7 +1,8 @@
 """The bridge: goals in words come in over zenoh, waypoints go out, the drive is watched to its end. Composition root of nav_bridge.
 
 One loop on the main thread owns planner, goal and monitor. Queries are answered by it: their handlers, on zenoh's pool, put a
-request into a ring and wait. One goal at a time; a new one that can be driven preempts the one before.
+request into a ring and wait. One goal at a time; a new one that can be driven preempts one of the same or lower priority. While
+it drives, the plan is repeated as a heartbeat: a vehicle that hears none holds, however this process has ended.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ import json
 import logging
 import math
 import signal
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from irsd.core.errors import DecodeError, IrsdError, TransportError
 from irsd.core.geometry import quat_xyzw_to_matrix
@@ -23,14 +24,17 @@ from irsd.io.endpoints import with_environment
 from irsd.io.keys import RobotKeys, subscriptions
 from irsd.io.session import Query, Sample, Session, open_session
 from irsd.perception.encoder import LabelEncoder
-from nav_bridge.answer import Answer, answer_document, answer_text, name_of
+from nav_bridge.answer import Answer, answer_document, answer_text
 from nav_bridge.config import BridgeSettings
+from nav_bridge.drive import Doubt, Drive
 from nav_bridge.mirror import GraphMirror
-from nav_bridge.monitor import Driving, Failed, Monitor, Outcome, Reached
+from nav_bridge.monitor import Driving, Failed, Outcome, Reached
 from nav_bridge.planner import Planner, World, XyYaw
 from nav_bridge.requests import Goto, Request, checked_goto, request_of
+from nav_bridge.scout import Scout
+from nav_bridge.sinks.base import Plan, Sink
 from nav_bridge.sinks.ros2 import RosSink
-from nav_bridge.sinks.zenoh import Waypoints, ZenohSink
+from nav_bridge.sinks.zenoh import ZenohSink
 from nav_bridge.source import Source
 
 _log = logging.getLogger(__name__)
@@ -39,25 +43,6 @@ _ODOMETRY = "nav_msgs/msg/Odometry"
 _PERIOD_S = 0.05
 _STATE_PERIOD_NS = 500_000_000  # a drive is reported at least this often
 _REQUEST_TIMEOUT_S = 20.0
-
-
-class Sink(Protocol):
-    """Something that is told where to drive; an empty tuple means stop."""
-
-    def send(self, goal_id: str, frame: str, waypoints: Waypoints) -> None: ...
-
-    def close(self) -> None: ...
-
-
-@dataclass(frozen=True, slots=True)
-class _Drive:
-    """The goal being driven. inside: the target is a room, to be inside of."""
-
-    goal_id: str
-    frame: str
-    name: str
-    monitor: Monitor
-    inside: bool
 
 
 class Bridge:
@@ -70,13 +55,15 @@ class Bridge:
         self._planner = Planner(encoder, settings)
         self._sinks: tuple[Sink, ...] = (ZenohSink(session, self._keys), RosSink(session, settings.sinks))
         self._source = Source(session, self._keys, settings.reply_timeout_s, settings.route)
+        self._scout = Scout(self._source, settings.drive.review_s)
         self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
         self._wake = Event()
         self._odometry: Ring[Sample] = Ring(200, self._wake)
         self._requests: Ring[Request] = Ring(16, self._wake)
         self._pose: XyYaw | None = None
         self._pose_ns = 0
-        self._drive: _Drive | None = None
+        self._drive: Drive | None = None
+        self._beat_ns = 0
         self._goals = 0
         self._state_seq = 0
         self._reported_ns = 0
@@ -95,8 +82,8 @@ class Bridge:
             self._wake.wait(_PERIOD_S)
             self._wake.clear()
             self.step(monotonic_ns())
-            if not self._mirror.alive:
-                raise TransportError("the thread that follows the graph has died; see the log")
+            if not (self._mirror.alive and self._scout.alive):
+                raise TransportError("a thread has died; see the log")
 
     def step(self, now_ns: int) -> None:
         """One turn: odometry, then requests, then the clock."""
@@ -105,7 +92,15 @@ class Bridge:
         for request in self._requests.drain():
             self._serve(request, now_ns)
         if self._drive is not None:
+            self._reconsider(self._drive, now_ns)
+        if self._drive is not None:
             self._judge(self._drive.monitor.tick(max(now_ns, self._pose_ns)), now_ns)
+        if self._drive is not None and now_ns - self._beat_ns >= self._settings.drive.heartbeat_s * 1e9:
+            self._beat_ns = now_ns
+            if self._drive.holding_ns is None:
+                plan = self._drive.rest(self._settings.drive)
+                for sink in self._sinks:
+                    sink.beat(plan)
 
     def close(self) -> None:
         """Stops a robot that is under way, and takes everything back."""
@@ -114,6 +109,7 @@ class Bridge:
         for handle in self._handles:
             handle.close()
         self._mirror.close()
+        self._scout.close()
         for sink in self._sinks:
             sink.close()
 
@@ -136,15 +132,15 @@ class Bridge:
     def _judge(self, outcome: Outcome, now_ns: int) -> None:
         """What the monitor says, told to the world."""
         drive = self._drive
-        if drive is None:
+        if drive is None or drive.holding_ns is not None:
             return
         if isinstance(outcome, Reached):
-            place = drive.name if drive.inside else f"{outcome.distance_m:.2f} m from {drive.name}"
+            place = drive.name if drive.target.is_room else f"{outcome.distance_m:.2f} m from {drive.name}"
             self._end("reached", "", outcome.distance_m, text=f"Reached: {place}")
         elif isinstance(outcome, Failed):
             self._end("failed", f"{outcome.cause}: {outcome.reason}", outcome.distance_m, stop=True)
         elif now_ns - self._reported_ns >= _STATE_PERIOD_NS:
-            self._report(drive, "driving", outcome, f"driving to {drive.name}, {outcome.remaining_m:.1f} m to go")
+            self._report(drive, "driving", outcome, _progress(drive, outcome))
             self._reported_ns = now_ns
 
     # --------------------------------------------------------------------------------------------------- requests
@@ -177,6 +173,12 @@ class Bridge:
         """Answers a goal and, when it is resolved and not only explained (why), starts the drive."""
         goto, drives = checked_goto(request.document, request.name), request.name == "goto"
         fresh = self._pose is not None and (now_ns - self._pose_ns) * 1e-9 <= self._settings.monitor.odometry_timeout_s
+        running = self._drive
+        if drives and running is not None and goto.priority < running.priority:
+            raise TransportError(
+                f"busy: {running.goal_id} to {running.name} has priority {running.priority}; "
+                f"ask with at least that, or cancel it"
+            )
         robot = goto.start or (self._pose if fresh else None)
         if robot is None:
             raise TransportError(f"no odometry on {self._settings.odom_topic}: it is not known where the robot is")
@@ -194,57 +196,99 @@ class Bridge:
         if answer.status == "resolved":
             if not fresh:
                 raise TransportError(f"no odometry on {self._settings.odom_topic}: the drive can't be watched")
-            self._start(goal_id, answer, graph, goto, now_ns)
+            self._start(goal_id, goto, answer, graph, now_ns)
         return {**answer_document(answer, graph, goal_id), "goal_id": goal_id}
 
-    def _start(self, goal_id: str, answer: Answer, graph: GraphSnapshot, goto: Goto, now_ns: int) -> None:
-        if answer.target is None or answer.route is None or answer.surface is None:
+    def _start(self, goal_id: str, goto: Goto, answer: Answer, graph: GraphSnapshot, now_ns: int) -> None:
+        settings = self._settings
+        within_m = settings.approach.within_m if goto.within_m is None else goto.within_m
+        drive = Drive(goal_id, goto.query, within_m, goto.priority)
+        if not drive.adopt(answer, graph, settings.monitor, settings.approach, now_ns):
             return
         if self._drive is not None:
             self._end("preempted", f"preempted by {goal_id}", None)
-        settings = self._settings
-        within = settings.approach.within_m if goto.within_m is None else goto.within_m
-        way = answer.route.waypoints
-        outliers = 1 if answer.target.is_room else settings.approach.outlier_points
-        monitor = Monitor(way, answer.surface, within, settings.monitor, now_ns, outliers)
-        name = name_of(answer.target.instance, graph)
-        self._drive = _Drive(goal_id, graph.frame, name, monitor, answer.target.is_room)
-        whole = Driving(answer.route.length_m, None)
-        self._report(self._drive, "accepted", whole, f"accepted: {name}, {answer.route.length_m:.1f} m to go")
-        self._send(way)
-        self._report(self._drive, "driving", whole, f"driving to {name}, {answer.route.length_m:.1f} m to go")
-        self._reported_ns = now_ns
+        self._drive = drive
+        whole = Driving(drive.length_m, None)
+        self._report(drive, "accepted", whole, f"accepted: {drive.name}, {drive.length_m:.1f} m to go")
+        self._set_off(drive, now_ns)
 
+    def _set_off(self, drive: Drive, now_ns: int) -> None:
+        """Tells the vehicle the drive's plan."""
+        self._send(drive.plan(self._settings.drive))
+        self._beat_ns = self._reported_ns = now_ns
+        self._scout.aim(drive.seq, None if drive.target.is_room else drive.target.instance)
+        whole = Driving(drive.length_m, None)
+        self._report(drive, "driving", whole, f"driving to {drive.name}, {drive.length_m:.1f} m to go")
+
+    # ---------------------------------------------------------------------------------------------- while it drives
+    def _reconsider(self, drive: Drive, now_ns: int) -> None:
+        """Plans anew when map, target or robot say that the plan is no longer good, or the vehicle that it can't be driven."""
+        trouble = next((words for sink in self._sinks if (words := sink.trouble())), "")
+        if trouble:
+            self._end("failed", f"vehicle: {trouble}", None, stop=True)
+            return
+        settings, graph = self._settings, self._mirror.graph
+        if graph is None or self._pose is None or now_ns - drive.planned_ns < settings.drive.replan_pause_s * 1e9:
+            return
+        view = self._scout.view()
+        radius_m = settings.route.robot_radius_m
+        doubt = drive.doubt(graph, view, self._pose[:2], settings.drive.off_way_m, radius_m)
+        if doubt is None:
+            return
+        if doubt.cause == "new map" or drive.plans > settings.drive.max_replans:
+            self._end("failed", f"{doubt.cause}: {doubt.text}", None, stop=True)
+            return
+        costs = view.costs if view is not None and view.costs is not None else self._source.cost_map()
+        self._replan(drive, doubt, World(graph, lambda: costs, self._source.points, self._pose), now_ns)
+
+    def _replan(self, drive: Drive, doubt: Doubt, world: World, now_ns: int) -> None:
+        """A new plan for the goal; none: hold and try again until the patience ends. A target that vanished is looked for anew."""
+        settings = self._settings
+        if drive.holding_ns is None:
+            _log.info("%s planning anew: %s", drive.goal_id, doubt.text)
+            self._report(drive, "planning", Driving(0.0, None), f"planning anew: {doubt.text}", doubt.cause)
+        if doubt.cause == "vanished":
+            answer = self._planner.answer(drive.query, world, drive.within_m)
+        else:
+            answer = self._planner.again(drive.answer, world, drive.within_m)
+        if answer.status == "resolved":
+            if drive.adopt(answer, world.graph, settings.monitor, settings.approach, now_ns):
+                self._set_off(drive, now_ns)
+        elif doubt.cause == "vanished":
+            self._end("failed", f"vanished: {doubt.text}; {answer_text(answer, world.graph)}", None, stop=True)
+        else:
+            if drive.holding_ns is None:
+                self._send(drive.stop(settings.drive))
+            drive.hold(now_ns)
+            self._scout.aim(drive.seq, None if drive.target.is_room else drive.target.instance)
+            if drive.holding_ns is not None and now_ns - drive.holding_ns >= settings.drive.patience_s * 1e9:
+                self._end("failed", f"{doubt.cause}: {answer.reason}", None)
+
+    # ------------------------------------------------------------------------------------------------------ telling
     def _end(self, state: str, reason: str, distance_m: float | None, *, text: str = "", stop: bool = False) -> None:
         """The drive is over; stop: the robot is told to stand still."""
         drive, self._drive = self._drive, None
         if drive is None:
             return
+        self._scout.aim(None)
         if stop:
-            self._send((), drive)
+            self._send(drive.stop(self._settings.drive))
         self._report(drive, state, Driving(0.0, distance_m), text or f"{state.capitalize()}: {reason}", reason)
         _log.info("%s %s %s", drive.goal_id, state, text or reason)
 
-    def _send(self, waypoints: Waypoints, drive: _Drive | None = None) -> None:
-        drive = drive or self._drive
-        if drive is not None:
-            for sink in self._sinks:
-                sink.send(drive.goal_id, drive.frame, waypoints)
+    def _send(self, plan: Plan) -> None:
+        for sink in self._sinks:
+            sink.send(plan)
 
-    def _report(self, drive: _Drive, state: str, progress: Driving, text: str, reason: str = "") -> None:
+    def _report(self, drive: Drive, state: str, progress: Driving, text: str, reason: str = "") -> None:
         self._state_seq += 1
-        document = {
-            "schema": "irs/nav/state/1",
-            "seq": self._state_seq,
-            "frame": drive.frame,
-            "goal_id": drive.goal_id,
-            "state": state,
-            "distance_m": None if progress.distance_m is None else round(progress.distance_m, 3),
-            "remaining_m": round(progress.remaining_m, 3),
-            "reason": reason,
-            "text": text,
-        }
+        document = drive.document(self._state_seq, state, progress, text, reason)
         self._session.put(self._keys.nav("state"), json.dumps(document).encode(), express=True)
+
+
+def _progress(drive: Drive, outcome: Driving) -> str:
+    left = "" if outcome.eta_s is None else f", about {outcome.eta_s:.0f} s"
+    return f"driving to {drive.name}, {outcome.remaining_m:.1f} m to go{left}"
 
 
 def run_bridge(settings: BridgeSettings, robot: str | None, endpoint: str | None) -> None:

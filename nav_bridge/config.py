@@ -15,6 +15,7 @@ from irsd.core.errors import ConfigError
 from irsd.core.settings import build, setting
 from irsd.io.endpoints import ZenohSettings
 from nav_bridge.approach import ApproachSettings
+from nav_bridge.drive import DriveSettings
 from nav_bridge.evidence import EvidenceSettings
 from nav_bridge.monitor import MonitorSettings
 from nav_bridge.resolve import ResolveSettings
@@ -49,6 +50,7 @@ class BridgeSettings:
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     monitor: MonitorSettings = field(default_factory=MonitorSettings)
+    drive: DriveSettings = field(default_factory=DriveSettings)
     sinks: SinkSettings = field(default_factory=SinkSettings)
 
 

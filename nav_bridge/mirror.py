@@ -59,6 +59,8 @@ class GraphMirror:
         self._stopper = Stopper()
         self._deltas: Ring[Sample] = Ring(_BACKLOG)
         # Before the first snapshot is asked for: what happens meanwhile must not be missed.
+        self._hellos: Ring[Sample] = Ring(8)
+        self._alive = session.watch_alive(keys.alive, self._hellos)
         self._subscription = session.subscribe_history(keys.delta, self._deltas)
         self._worker = Worker("graph-mirror", self._run).start()
 
@@ -79,6 +81,7 @@ class GraphMirror:
         self._stopper.request("closed")
         self._worker.join(self._timeout_s + 2.0)
         self._subscription.close()
+        self._alive.close()
 
     def _run(self) -> None:
         dropped = 0
@@ -87,7 +90,9 @@ class GraphMirror:
                 self._stopper.wait(_RETRY_S)
                 continue
             sample = self._deltas.get(timeout_s=0.2)
-            if self._deltas.dropped != dropped:
+            # irsd (again): it may hold another map, of which no delta tells as long as it stands still.
+            started = any(not hello.deleted for hello in self._hellos.drain())
+            if started or self._deltas.dropped != dropped:
                 dropped = self._deltas.dropped
                 self._resync()
             if sample is not None:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from irsd.core.settings import setting
 from nav_bridge.approach import surface_distance
 
+_SPEED_NS = 5_000_000_000  # the time over which the speed is taken for the time left
+
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
@@ -37,10 +39,14 @@ class MonitorSettings:
 
 @dataclass(frozen=True, slots=True)
 class Driving:
-    """On the way. remaining_m: along the way; distance_m: plan distance to the target's surface, None before the first pose."""
+    """On the way. remaining_m: along the way; distance_m: plan distance to the target's surface, None before the first pose.
+
+    eta_s: time left at the speed of late, None before there was any.
+    """
 
     remaining_m: float
     distance_m: float | None
+    eta_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +81,7 @@ class Monitor:
         now_ns: int,
         outlier_points: int = 1,
     ) -> None:
+        self._waypoints = waypoints
         self._way = np.asarray([point[:2] for point in waypoints], np.float64)
         self._target = np.asarray(target_xy, np.float64)[:, :2]
         self._within_m = within_m
@@ -88,6 +95,17 @@ class Monitor:
         self._best_m, self._best_ns = math.inf, now_ns
         self._recent: deque[tuple[int, float, float, float]] = deque()
         self._state = Driving(float(lengths.sum()), None)
+        self._lately: deque[tuple[int, float]] = deque()  # (time, way left) of the last seconds
+        self.off_way_m = 0.0
+
+    def ahead(self) -> tuple[tuple[float, float, float], ...]:
+        """The waypoints still ahead, at least the last."""
+        return self._waypoints[min(self._segment + 1, len(self._waypoints) - 1) :]
+
+    def retarget(self, target_xy: NDArray[np.floating]) -> None:
+        """The target's surface as it is known by now; an empty one changes nothing."""
+        if len(target_xy):
+            self._target = np.asarray(target_xy, np.float64)[:, :2]
 
     def update(self, now_ns: int, xy_yaw: tuple[float, float, float]) -> Outcome:
         """A pose of the robot in the map frame, heard now."""
@@ -95,7 +113,7 @@ class Monitor:
         place = np.asarray(xy_yaw[:2], np.float64)
         remaining = self._remaining(place)
         distance = float(surface_distance(self._target, place[None], self._outlier_points)[0])
-        self._state = Driving(remaining, distance)
+        self._state = Driving(remaining, distance, self._eta_s(now_ns, remaining))
         self._recent.append((now_ns, *xy_yaw))
         turning = self._is_still(now_ns) is False
         if remaining < self._best_m - self._settings.progress_m or (
@@ -132,6 +150,17 @@ class Monitor:
             distance <= self._within_m and max(to_end, remaining) <= 0.4
         )
 
+    def _eta_s(self, now_ns: int, remaining: float) -> float | None:
+        """Way left over the mean speed of the last _SPEED_NS; None until a second of driving has shown one."""
+        self._lately.append((now_ns, remaining))
+        while self._lately[0][0] < now_ns - _SPEED_NS:
+            self._lately.popleft()
+        passed_s = (now_ns - self._lately[0][0]) * 1e-9
+        gained = self._lately[0][1] - remaining
+        if passed_s < 1.0 or gained <= 0.0:
+            return None
+        return remaining / max(gained / passed_s, self._settings.slowest_mps)
+
     def _failed(self, cause: str, reason: str) -> Failed:
         return Failed(cause, reason, self._state.remaining_m, self._state.distance_m)
 
@@ -150,6 +179,7 @@ class Monitor:
     def _remaining(self, place: NDArray[np.float64]) -> float:
         """Way left: to the nearest point of the way (never back before the segment reached), and from there along it."""
         if len(self._way) < 2:
+            self.off_way_m = 0.0
             return float(np.hypot(*(self._way[-1] - place)))
         a, b = self._way[self._segment : -1], self._way[self._segment + 1 :]
         span = b - a
@@ -160,4 +190,5 @@ class Monitor:
         # A way may pass the same corner twice: prefer the part that comes next.
         k = int((away + 0.05 * np.arange(len(away))).argmin())
         self._segment += k
+        self.off_way_m = float(away[k])
         return float(away[k] + np.hypot(*(b[k] - foot[k])) + self._left_from[self._segment + 1])

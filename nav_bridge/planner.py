@@ -80,6 +80,14 @@ class Planner:
             return first
         return next((other for other in answers if other.status == "resolved"), first)
 
+    def again(self, answer: Answer, world: World, within_m: float | None = None) -> Answer:
+        """A new way to the target that an answer has, on what is known now."""
+        costs = world.map_of()
+        blank = replace(answer, status="unreachable", approach=None, route=None, reason="", best_m=None)
+        if costs is None or answer.target is None:
+            return replace(blank, reason="no map of free space is known")
+        return self._to(blank, answer.target, world, costs, within_m)
+
     def _rooms(self, spec: GoalSpec, graph: GraphSnapshot) -> tuple[tuple[str, str, float], ...]:
         """How far each room is the one that was named; empty when none was."""
         if not spec.room:

@@ -27,11 +27,15 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Goto:
-    """A goal as asked for. within_m: farthest distance to the target; start: where to plan from, None = where the robot is."""
+    """A goal as asked for. within_m: farthest distance to the target; start: where to plan from, None = where the robot is.
+
+    priority: a goal preempts one of the same or lower priority, and is refused while one of higher priority is driven.
+    """
 
     query: str
     within_m: float | None
     start: XyYaw | None
+    priority: int = 0
 
 
 def request_of(name: str, query: Query) -> Request:
@@ -52,10 +56,13 @@ def checked_goto(document: Mapping[str, Any], name: str = "goto") -> Goto:
         raise DecodeError(f"nav/{name}: query must be text")
     if within is not None and not (isinstance(within, (int, float)) and 0.05 <= within <= 10.0):
         raise DecodeError(f"nav/{name}: within_m = {within!r}: must be in 0.05 .. 10")
+    priority = document.get("priority", 0)
+    if not isinstance(priority, int) or not 0 <= priority <= 100:
+        raise DecodeError(f"nav/{name}: priority = {priority!r}: must be a whole number in 0 .. 100")
     pose: XyYaw | None = None
     if start is not None:
         numbers = list(start) if isinstance(start, (list, tuple)) else []
         if len(numbers) not in (2, 3) or not all(isinstance(v, (int, float)) and math.isfinite(v) for v in numbers):
             raise DecodeError(f"nav/{name}: from = {start!r}: must be [x, y] or [x, y, yaw]")
         pose = (float(numbers[0]), float(numbers[1]), float(numbers[2]) if len(numbers) == 3 else 0.0)
-    return Goto(query, None if within is None else float(within), pose)
+    return Goto(query, None if within is None else float(within), pose, priority)

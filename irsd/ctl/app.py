@@ -87,6 +87,9 @@ def plan(target: Target, output: Path, as_json: bool) -> int:
 @click.option(
     "--within", "within_m", type=click.FloatRange(0.1, 5.0), help="Accept a greater distance to the target, metres."
 )
+@click.option(
+    "--priority", default=0, type=click.IntRange(0, 100), help="Preempts goals of the same or lower priority only."
+)
 @click.option("--no-wait", is_flag=True, help="Return once the goal is accepted.")
 @click.option(
     "--offline", type=click.Path(exists=True, file_okay=False, path_type=Path), help="Answer from a replay's folder."
@@ -105,6 +108,7 @@ def goto(
     target: Target,
     query: str | None,
     within_m: float | None,
+    priority: int,
     no_wait: bool,
     offline: Path | None,
     queries: Path | None,
@@ -118,7 +122,7 @@ def goto(
         return drive.goto_offline(offline, query, queries, start, within_m, as_json)
     if query is None or queries is not None or start is not None:
         raise click.UsageError("give one QUERY (--queries and --from belong to --offline)")
-    return drive.goto(target, query, within_m, no_wait, as_json)
+    return drive.goto(target, query, within_m, priority, no_wait, as_json)
 
 
 @cli.command()

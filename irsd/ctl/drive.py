@@ -20,22 +20,28 @@ PROGRESS_S = 3.0
 SILENCE_S = 15.0  # nav_bridge reports at 1 Hz or more while it drives
 
 
-def goto(target: Target, query: str, within_m: float | None, no_wait: bool, as_json: bool) -> int:
+def goto(target: Target, query: str, within_m: float | None, priority: int, no_wait: bool, as_json: bool) -> int:
     """Resolve, drive, and say how it ended."""
-    code, document = go(target, query, within_m, wait=not no_wait, quiet=as_json)
+    code, document = go(target, query, within_m, priority, wait=not no_wait, quiet=as_json)
     if as_json:
         click.echo(json.dumps(document))
     return code
 
 
 def go(
-    target: Target, query: str, within_m: float | None = None, *, wait: bool = True, quiet: bool = False
+    target: Target,
+    query: str,
+    within_m: float | None = None,
+    priority: int = 0,
+    *,
+    wait: bool = True,
+    quiet: bool = False,
 ) -> tuple[int, dict[str, Any]]:
     """(exit code, the answer document with the final state under ``result``); says how it goes unless quiet."""
     with connected(target) as (session, keys):
         states: Ring[Sample] = Ring(256)
-        with session.subscribe(keys.nav("state"), states):
-            request = {"query": query} | ({"within_m": within_m} if within_m is not None else {})
+        with session.subscribe(keys.nav("state"), states), session.watch_alive(keys.nav("alive"), states):
+            request = {"query": query, "priority": priority} | ({"within_m": within_m} if within_m is not None else {})
             answer = ask_json(session, keys.nav("goto"), max(target.timeout_s, 10.0), request)
             if not quiet:
                 click.echo(describe(answer))
@@ -55,6 +61,11 @@ def follow(states: Ring[Sample], goal_id: str, *, quiet: bool) -> dict[str, Any]
             reason = f"no word from nav_bridge for {SILENCE_S:g} s"
             click.echo(f"Failed: {reason}", err=True)
             return {"goal_id": goal_id, "state": "failed", "reason": reason}
+        if sample.deleted:  # the token that says nav_bridge lives: the vehicle holds by itself
+            click.echo("Failed: nav_bridge has died or was stopped; the robot holds", err=True)
+            return {"goal_id": goal_id, "state": "failed", "reason": "nav_bridge is gone"}
+        if not sample.payload:
+            continue
         state: dict[str, Any] = json.loads(sample.payload)
         if state.get("goal_id") != goal_id:
             continue

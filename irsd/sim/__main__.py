@@ -8,7 +8,6 @@ import logging
 import signal
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from irsd.core.errors import IrsdError
 from irsd.core.runtime import Ring, Stopper, monotonic_s, sleep_s, wall_clock_ns
@@ -16,6 +15,7 @@ from irsd.io.keys import RobotKeys, bridge_key
 from irsd.io.session import CDR, JSON, Publisher, Sample, Session, ZenohSettings, open_session, with_environment
 from irsd.sensors.replay import RecordingWriter
 from irsd.sim.building import truth_document
+from irsd.sim.orders import Orders
 from irsd.sim.world import DETECTIONS_TOPIC, JSON_TYPE, TF_TOPIC, World, WorldMessage, WorldSettings, with_speed
 
 _log = logging.getLogger("irsd.sim")
@@ -44,6 +44,7 @@ class Robot2Zenoh:
         self._recording = recording
         self._publishers: dict[str, Publisher] = {}
         self._state = session.publisher(keys.key("sim/state"), encoding=JSON)
+        self._orders = Orders()
         self._waypoints: Ring[Sample] = Ring(8)
         self._subscription = session.subscribe(keys.nav("waypoints"), self._waypoints)
         self._state_seq = 0
@@ -77,13 +78,21 @@ class Robot2Zenoh:
         self._state.put(json.dumps({**header, **world.state()}).encode())
 
     def new_waypoints(self) -> list[list[float]] | None:
-        """The latest waypoints that came since the last call; None when none did. Bad documents are logged and dropped."""
+        """The way to follow from now on; None to go on as before. Bad documents are logged and dropped.
+
+        A plan that is not repeated in time is taken for a stop.
+        """
         latest: list[list[float]] | None = None
         for sample in self._waypoints.drain():
             try:
-                latest = _parse_waypoints(sample.payload)
+                heard = self._orders.hear(sample.payload, sample.received_ns * 1e-9)
             except ValueError as error:
                 _log.warning("waypoints dropped: %s", error)
+                continue
+            latest = latest if heard is None else heard
+        if self._orders.overdue(monotonic_s()):
+            _log.warning("no word from the planner in time: holding")
+            return []
         return latest
 
     def close(self) -> None:
@@ -97,18 +106,6 @@ class Robot2Zenoh:
             return self._session.history_publisher(key, encoding=CDR, keep=1)
         encoding = JSON if message.topic == DETECTIONS_TOPIC else CDR
         return self._session.publisher(key, encoding=encoding, block=False)
-
-
-def _parse_waypoints(payload: bytes) -> list[list[float]]:
-    """[[x, y, yaw], ..] of an ``irs/nav/waypoints/1`` document. Raises ValueError saying what is wrong."""
-    document: Any = json.loads(payload)
-    points = document.get("waypoints") if isinstance(document, dict) else None
-    if not isinstance(points, list):
-        raise ValueError("no list of waypoints")
-    for point in points:
-        if not isinstance(point, list) or len(point) != 3 or not all(isinstance(v, (int, float)) for v in point):
-            raise ValueError(f"{point!r} is not [x, y, yaw]")
-    return [[float(v) for v in point] for point in points]
 
 
 def run(world: World, link: Robot2Zenoh, duration_s: float | None, stopper: Stopper) -> None:

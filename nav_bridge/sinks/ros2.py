@@ -9,7 +9,7 @@ from irsd.io.cdr import encode_path, encode_pose_stamped, type_hash
 from irsd.io.keys import bridge_key, check_ros_topic, rmw_key, ros_attachment, ros_endpoint_token, ros_node_token
 from irsd.io.session import CDR, Handle, Session
 from nav_bridge.config import SinkSettings
-from nav_bridge.sinks.zenoh import Waypoints
+from nav_bridge.sinks.base import Plan
 
 _NODE = "nav_bridge"
 _POSE, _PATH = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Path"
@@ -43,13 +43,20 @@ class RosSink:
         self._tokens.append(self._session.announce(token))
         return rmw_key(name, type_name, known, s.domain)
 
-    def send(self, goal_id: str, frame: str, waypoints: Waypoints) -> None:
-        """Drive these (x, y, yaw). No waypoints: an empty path; a goal topic has no word for stop."""
+    def send(self, plan: Plan) -> None:
+        """The plan on both topics. No waypoints: an empty path; a goal topic has no word for stop."""
         stamp_ns = wall_clock_ns()
         if self._path_key:
-            self._put(self._path_key, encode_path(stamp_ns, frame, waypoints), stamp_ns)
-        if self._goal_key and waypoints:
-            self._put(self._goal_key, encode_pose_stamped(stamp_ns, frame, waypoints[-1]), stamp_ns)
+            self._put(self._path_key, encode_path(stamp_ns, plan.frame, plan.waypoints), stamp_ns)
+        if self._goal_key and plan.waypoints:
+            self._put(self._goal_key, encode_pose_stamped(stamp_ns, plan.frame, plan.waypoints[-1]), stamp_ns)
+
+    def beat(self, plan: Plan) -> None:
+        """These topics know no heartbeat."""
+
+    def trouble(self) -> str:
+        """Nobody answers on a topic."""
+        return ""
 
     def _put(self, key: str, payload: bytes, stamp_ns: int) -> None:
         self._seq += 1

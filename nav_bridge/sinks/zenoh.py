@@ -1,4 +1,4 @@
-"""Waypoints as our own keys: JSON, and the same as nav_msgs/Path and geometry_msgs/PoseStamped in CDR."""
+"""Waypoints as our own keys: JSON with a heartbeat, and the same as nav_msgs/Path and geometry_msgs/PoseStamped in CDR."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from irsd.core.runtime import wall_clock_ns
 from irsd.io.cdr import encode_path, encode_pose_stamped
 from irsd.io.keys import RobotKeys
 from irsd.io.session import CDR, Session
-
-Waypoints = tuple[tuple[float, float, float], ...]
+from nav_bridge.sinks.base import Plan
 
 
 class ZenohSink:
@@ -18,31 +17,39 @@ class ZenohSink:
     def __init__(self, session: Session, keys: RobotKeys) -> None:
         self._session = session
         self._keys = keys
-        self._seq = 0
 
-    def send(self, goal_id: str, frame: str, waypoints: Waypoints) -> None:
-        """Drive these (x, y, yaw), map frame. None at all means stop."""
-        self._seq += 1
-        document = {
-            "schema": "irs/nav/waypoints/1",
-            "seq": self._seq,
-            "frame": frame,
-            "goal_id": goal_id,
-            "waypoints": [list(point) for point in waypoints],
-        }
+    def send(self, plan: Plan) -> None:
+        """The plan on all three keys; a stop has no goal pose."""
+        self._put(plan)
         stamp_ns = wall_clock_ns()
-        # A stop must not wait behind bulk data.
-        urgent = not waypoints
-        self._session.put(
-            self._keys.nav("waypoints"),
-            json.dumps(document).encode(),
-            priority="interactive_high" if urgent else "data_high",
-            express=True,
-        )
-        self._session.put(self._keys.nav("path"), encode_path(stamp_ns, frame, waypoints), encoding=CDR)
-        if waypoints:
-            goal = encode_pose_stamped(stamp_ns, frame, waypoints[-1])
+        self._session.put(self._keys.nav("path"), encode_path(stamp_ns, plan.frame, plan.waypoints), encoding=CDR)
+        if plan.waypoints:
+            goal = encode_pose_stamped(stamp_ns, plan.frame, plan.waypoints[-1])
             self._session.put(self._keys.nav("goal_pose"), goal, encoding=CDR)
+
+    def beat(self, plan: Plan) -> None:
+        """The document again: who hears none for valid_s holds, who has just started drives on from here."""
+        self._put(plan)
+
+    def trouble(self) -> str:
+        """Nobody answers on these keys."""
+        return ""
 
     def close(self) -> None:
         """Nothing is declared."""
+
+    def _put(self, plan: Plan) -> None:
+        document = {
+            "schema": "irs/nav/waypoints/1",
+            "seq": plan.seq,
+            "frame": plan.frame,
+            "goal_id": plan.goal_id,
+            "valid_s": plan.valid_s,
+            "waypoints": [list(point) for point in plan.waypoints],
+        }
+        self._session.put(
+            self._keys.nav("waypoints"),
+            json.dumps(document).encode(),
+            priority="data_high" if plan.waypoints else "interactive_high",  # a stop must not wait behind bulk data
+            express=True,
+        )

@@ -1,0 +1,143 @@
+"""What may happen to a drive while it is under way: processes die, the way closes, the target goes, another goal comes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import navigation_house as house
+import numpy as np
+import pytest
+from navigation_standin import KEYS, PATIENCE_S, BridgeProcess, StandIn, ready, running
+
+from irsd.core.runtime import monotonic_s, sleep_s
+from irsd.graph.model import GraphDelta
+
+SETTINGS = """
+monitor: {still_s: 0.4}
+drive: {review_s: 0.2, replan_pause_s: 0.3, patience_s: 1.5}
+"""
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[StandIn, BridgeProcess]]:
+    with running(tmp_path_factory.mktemp("nav"), SETTINGS) as both:
+        yield both
+
+
+@pytest.fixture
+def world(pair: tuple[StandIn, BridgeProcess]) -> StandIn:
+    stand_in = pair[0]
+    stand_in.step()
+    stand_in.ask("cancel", {})
+    stand_in.pose, stand_in.way, stand_in.cells = [2.5, 3.0, 0.0], [], house.occupancy()
+    stand_in.states.drain()
+    return stand_in
+
+
+def close(world: StandIn, x0: float, x1: float, y0: float, y1: float) -> None:
+    """Something now stands there."""
+    cells = world.cells.copy()
+    low = ((np.array([y0, x0]) + 0.5) / house.RESOLUTION_M).astype(int)
+    high = ((np.array([y1, x1]) + 0.5) / house.RESOLUTION_M).astype(int)
+    cells[low[0] : high[0], low[1] : high[1]] = 100
+    world.cells = cells
+
+
+def test_a_crate_behind_the_door_is_driven_round(world: StandIn) -> None:
+    answer = ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    close(world, 5.6, 6.0, 2.4, 3.3)
+    states = world.drive_until(lambda s: s["state"] == "reached")
+    assert [s["reason"] for s in states if s["state"] == "planning"] == ["blocked"]
+    assert {s["goal_id"] for s in states} == {answer["goal_id"]}
+    assert states[-1]["plans"] == 2
+
+
+def test_a_closed_door_is_waited_for_and_then_given_up(world: StandIn) -> None:
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    close(world, 4.9, 5.1, 2.3, 3.7)
+    world.drive_until(lambda s: s["state"] == "planning")
+    failed = world.drive_until(lambda s: s["state"] == "failed")[-1]
+    assert failed["reason"].startswith("blocked")
+    assert world.way == []
+    assert world.pose[0] < 4.9
+    # The same, and the door opens again.
+    world.cells = house.occupancy()
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    close(world, 4.9, 5.1, 2.3, 3.7)
+    world.drive_until(lambda s: s["state"] == "planning")
+    world.cells = house.occupancy()
+    world.drive_until(lambda s: s["state"] == "reached")
+
+
+def test_a_target_that_vanishes_is_looked_for_anew_or_the_goal_fails(world: StandIn) -> None:
+    ready(world, "any trash can")  # I4 in this room is the nearer one
+    world.drive_until(lambda s: s["state"] == "driving")
+    world.publish_delta(GraphDelta(8, 8, "flat", "map", (), (), (), ("I4",), ()))
+    reached = world.drive_until(lambda s: s["state"] == "reached")[-1]
+    assert "I14 trash can" in reached["text"]
+    ready(world, "any trash can")
+    world.publish_delta(GraphDelta(9, 9, "flat", "map", (), (), (), ("I14",), ()))
+    failed = world.drive_until(lambda s: s["state"] in ("failed", "reached"))[-1]
+    assert failed["reason"].startswith("vanished")
+    assert "no trash can is known here" in failed["reason"]
+
+
+def test_priorities_decide_who_drives(world: StandIn) -> None:
+    first = ready(world, "television in the kitchen")
+    world.ask("cancel", {})
+    first = world.goto("television in the kitchen", priority=5)
+    assert "priority 5" in world.goto("fridge", priority=4)["error"]
+    second = world.goto("fridge", priority=5)
+    states = world.drive_until(lambda s: s["goal_id"] == second["goal_id"] and s["state"] == "driving")
+    assert [s["state"] for s in states if s["goal_id"] == first["goal_id"]][-1] == "preempted"
+    assert "error" in world.goto("fridge", priority=-1)
+    assert world.ask("cancel", {})["goal_id"] == second["goal_id"]
+
+
+def test_irsd_comes_back_with_the_same_map_or_with_another(world: StandIn) -> None:
+    token = world.session.announce(KEYS.alive)
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    token.close()  # irsd dies and comes back, with the map it had stored
+    token = world.session.announce(KEYS.alive)
+    world.drive_until(lambda s: s["state"] == "reached")
+    world.pose = [2.5, 3.0, 0.0]
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    token.close()
+    world.graph = replace(house.GRAPH, map_id="new", instances=())
+    token = world.session.announce(KEYS.alive)
+    assert world.drive_until(lambda s: s["state"] == "failed")[-1]["reason"].startswith("new map")
+    world.graph = house.GRAPH
+    token.close()
+    world.session.announce(KEYS.alive)
+    deadline = monotonic_s() + PATIENCE_S
+    while world.goto("fridge")["status"] != "resolved":
+        assert monotonic_s() < deadline
+
+
+def test_a_killed_bridge_leaves_no_moving_robot(world: StandIn, pair: tuple[StandIn, BridgeProcess]) -> None:
+    bridge = pair[1]
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    held = world.held
+    bridge.kill()
+    died_s = monotonic_s()
+    while world.held == held:
+        assert monotonic_s() < died_s + PATIENCE_S
+        world.step()
+        sleep_s(0.005)
+    held_after_s = monotonic_s() - died_s
+    assert held_after_s <= 1.0
+    stands = list(world.pose)
+    bridge.start()
+    for _ in range(5):
+        world.step()
+    assert world.pose == stands  # a new bridge does not go on with what it does not know
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "reached")
+    assert world.held == held + 1
