@@ -31,10 +31,12 @@ from irsd.core.grid import GridFrame
 from irsd.core.types import CameraModel, CameraView, InstanceState, Rooms
 from irsd.instances import memory as fusion
 from irsd.instances.lift import LiftedMask, LiftedView
+from irsd.instances.warm import warm_up
 
 HERE = Path(__file__).resolve().parent
 RESOLUTION_M = 0.1
 PERIOD_NS = 200_000_000
+VOXEL_M = 0.03  # the scenes' points are 2 cm apart, those of the product's map 5 cm
 NOTHING = np.zeros((0, 3), np.float32)
 Scene = dict[str, NDArray[Any]]
 Frame = tuple[CameraView, LiftedView]
@@ -83,9 +85,7 @@ def settings_of(arguments: argparse.Namespace) -> fusion.FusionSettings:
     """The product's defaults with what the command line changes."""
     settings = fusion.FusionSettings()
     names = {f.name for f in dataclasses.fields(settings)}
-    values: dict[str, Any] = {"room_prior": arguments.rooms != "off"}
-    if "method" in names:
-        values["method"] = arguments.method
+    values: dict[str, Any] = {"method": arguments.method, "room_prior": arguments.rooms != "off", "voxel_m": VOXEL_M}
     if "parallel" in names:
         values["parallel"] = 2 if arguments.rooms == "parallel" else 0
     for pair in arguments.set:
@@ -189,8 +189,7 @@ def main() -> int:
     arguments = parser.parse_args()
     with np.load(arguments.scene) as file:
         scene = {name: file[name] for name in file.files}
-    if hasattr(fusion, "warm_up"):
-        fusion.warm_up()
+    warm_up()
     figures = growth(scene, arguments) if arguments.instances else run(scene, arguments)
     if arguments.json:
         print(json.dumps(figures))

@@ -9,6 +9,7 @@ import logging
 import sys
 
 from irsd.core.runtime import monotonic_s
+from irsd.instances import warm as instances
 from irsd.mapping import warm as mapping
 
 _log = logging.getLogger(__name__)
@@ -18,6 +19,7 @@ def warm_up() -> None:
     """Compile or load the kernels of all stages: under a second when they are cached, else about half a minute."""
     began_s = monotonic_s()
     mapping.warm_up()
+    instances.warm_up()
     _log.info("kernels ready after %.1f s", monotonic_s() - began_s)
 
 

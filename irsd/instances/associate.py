@@ -1,231 +1,378 @@
-"""The voxel index of instances and the kernels that match masks to instances by what they share in it.
+"""Kernels that match masks to instances by what they share in the voxel memory, the paper's two criteria among them.
 
-A mask asks only its own voxels who lives there, so a query costs the mask's points, whatever the number of instances. Each
-voxel has a few slots; a slot holds an instance and the evidence for "this voxel belongs to it": in how many pictures it lay
-inside the instance's mask (``hits``) and in how many of the pictures that showed the instance it was seen at all (``seen``).
+A mask asks only its own voxels who lives there, so a query costs the mask's points, whatever the number of instances.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
-Doubles = NDArray[np.float64]
-Floats = NDArray[np.float32]
+from irsd.core.jit import kernel
+from irsd.instances.voxels import CLAIMS, Cells, Floats, Ints, Rows
 
-SLOTS = 4  # instances that can claim one voxel; the weakest claim gives way to a new one
-_EMPTY = np.iinfo(np.int64).min  # no packed key has this value
-_AXIS_BITS = 21
-_AXIS_OFFSET = 1 << (_AXIS_BITS - 1)
-_HASH = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio (Knuth, vol. 3, section 6.4)
+_FEW = 5  # masks from which their spread about the mean is known
+_LEAST_SPREAD = 0.02
+_LEAST_COVERED = 3  # voxels of an instance that a mask must cover to say anything about it
 
 
-def voxel_keys(points: Floats, voxel_m: float) -> Ints:
-    """Packed integer keys [N] of the voxels that hold points [N, 3]; unique within +-2^20 voxels of the origin."""
-    cells = np.floor(np.asarray(points, np.float64) / voxel_m).astype(np.int64) + _AXIS_OFFSET
-    return np.asarray((cells[:, 0] << (2 * _AXIS_BITS)) | (cells[:, 1] << _AXIS_BITS) | cells[:, 2])
+class Things(NamedTuple):
+    """What the kernels need of instances, by slot.
 
-
-class VoxelIndex:
-    """Voxel key -> row, and per row the slots. Open addressing in arrays: look-ups and inserts are vectorised.
-
-    owner: int32 [R, SLOTS] instance ids (0 = free); hits, seen: float32 [R, SLOTS]; views: int32 [R], pictures that saw the
-    voxel since it has a row; point: float32 [R, 3], its latest position. Rows are never moved or reused.
+    id int64 [cap] (0 = free slot); mean float32 [cap, D], sum of unit vectors; length float32 [cap] of it; dim int32 [cap]
+    (0 = no meaning); level float32 [cap], typical hits of its voxels; size int32 [cap], voxels with good evidence; observations int32;
+    expected float32 [cap], pictures that should have seen it; room int32 (0 = none); parted, whole int32: pictures in which
+    several masks / one mask made it up; matches int32, likeness, likeness2 float32: how many masks were compared with the mean
+    that stood before, the sum of their cosines and of the squares; column int32, scratch, NOBODY between calls.
     """
 
-    def __init__(self, capacity: int = 4096) -> None:
-        self._bits = max(int(np.ceil(np.log2(2 * capacity))), 4)
-        self._table_key = np.full(1 << self._bits, _EMPTY, np.int64)
-        self._table_row = np.zeros(1 << self._bits, np.int64)
-        self._count = 0
-        self.key = np.zeros(capacity, np.int64)
-        self.owner = np.zeros((capacity, SLOTS), np.int32)
-        self.hits = np.zeros((capacity, SLOTS), np.float32)
-        self.seen = np.zeros((capacity, SLOTS), np.float32)
-        self.views = np.zeros(capacity, np.int32)
-        self.point = np.zeros((capacity, 3), np.float32)
+    id: Ints
+    mean: Floats
+    length: Floats
+    dim: Rows
+    level: Floats
+    size: Rows
+    observations: Rows
+    expected: Floats
+    room: Rows
+    parted: Rows
+    whole: Rows
+    matches: Rows
+    likeness: Floats
+    likeness2: Floats
+    column: Rows
 
-    def __len__(self) -> int:
-        return self._count
 
-    def find(self, keys: Ints) -> Ints:
-        """Rows [N] of keys [N], -1 where a voxel has none."""
-        rows = np.full(len(keys), -1, np.int64)
-        todo = np.arange(len(keys))
-        place = self._first_place(keys)
-        while len(todo):
-            there = self._table_key[place]
-            found = there == keys[todo]
-            rows[todo[found]] = self._table_row[place[found]]
-            on = ~found & (there != _EMPTY)
-            todo, place = todo[on], self._next_place(place[on])
-        return rows
+class Rules(NamedTuple):
+    """The settings that matching needs, see ``FusionSettings``."""
 
-    def insert(self, keys: Ints) -> Ints:
-        """Rows [N] of unique keys [N]; voxels without one get one, in the order given."""
-        rows = self.find(keys)
-        new = np.flatnonzero(rows < 0)
-        if len(new):
-            self._reserve(self._count + len(new))
-            rows[new] = np.arange(self._count, self._count + len(new))
-            self.key[rows[new]] = keys[new]
-            self._count += len(new)
-            self._enter(keys[new], rows[new])
-        return rows
+    tau_g: float
+    tau_s: float
+    tau_same: float
+    ratio: float
+    cover: float
+    visible: float
+    part: float
+    shown: float
+    known: float
+    tau_merge: float
+    level: float
 
-    def slot_of(self, rows: Ints, ids: Ints) -> Ints:
-        """Slot [N] that instance ids [N] hold in rows [N], -1 where they hold none."""
-        same = self.owner[rows] == ids[:, None]
-        return np.asarray(np.where(same.any(1), same.argmax(1), -1), np.int64)
 
-    def claim(self, rows: Ints, ids: Ints, seen_before: Floats) -> None:
-        """One more hit for each unique (row, id) pair; a new claim starts with seen_before [N] pictures without a hit."""
-        slot = self.slot_of(rows, ids)
-        old = slot >= 0
-        self.hits[rows[old], slot[old]] += 1
-        self.seen[rows[old], slot[old]] += 1
-        pending = np.flatnonzero(~old)
-        while len(pending):
-            # Two ids may be new in one row: one per row and round, the first given first.
-            _, first = np.unique(rows[pending], return_index=True)
-            now = pending[first]
-            row = rows[now]
-            weakest = np.where(self.owner[row] == 0, -1.0, self.hits[row]).argmin(1)
-            self.owner[row, weakest] = ids[now]
-            self.hits[row, weakest] = 1
-            self.seen[row, weakest] = 1 + seen_before[now]
-            pending = np.delete(pending, first)
+class Match(NamedTuple):
+    """slots int32 [m], NOBODY = none; missed int32 [k] slots that should have had a mask.
 
-    def release(self, rows: Ints, instance: int) -> None:
-        """Give up all slots that an instance holds in rows."""
-        at, slot = np.nonzero(self.owner[rows] == instance)
-        self.owner[rows[at], slot] = 0
-        self.hits[rows[at], slot] = 0
-        self.seen[rows[at], slot] = 0
+    pairs: int32 [q, 2], instances of one meaning that one mask covers together.
+    """
 
-    def ratio(self, rows: Ints) -> Doubles:
-        """[N, SLOTS] relative evidence of each claim: in what share of an instance's pictures the voxel was in its mask.
+    slots: Rows
+    missed: Rows
+    pairs: Rows
 
-        One imaginary picture without a hit keeps single sightings below older claims.
-        """
-        return np.asarray(self.hits[rows] / (self.seen[rows].astype(np.float64) + 1.0))
 
-    def owners(self, rows: Ints, least_ratio: float) -> Ints:
-        """The one owner [N] of each voxel: most hits weighted with their relative evidence; 0 = nobody has enough."""
-        ratio = self.ratio(rows)
-        weight = np.where((self.owner[rows] > 0) & (ratio >= least_ratio), self.hits[rows] * ratio, 0.0)
-        # Among equals the older instance, so that the result does not depend on the order of the slots.
-        order = np.lexsort((self.owner[rows], -weight), axis=1)[:, :1]
-        best = np.take_along_axis(self.owner[rows], order, 1)[:, 0]
-        return np.asarray(np.where(np.take_along_axis(weight, order, 1)[:, 0] > 0, best, 0), np.int64)
+def new_things(capacity: int, dim: int) -> Things:
+    def ints() -> Rows:
+        return np.zeros(capacity, np.int32)
 
-    # ------------------------------------------------------------------------------------------------ the table
-    def _first_place(self, keys: Ints) -> Ints:
-        mixed = keys.astype(np.uint64) * _HASH
-        return np.asarray(mixed >> np.uint64(64 - self._bits), np.int64)
+    def floats() -> Floats:
+        return np.zeros(capacity, np.float32)
 
-    def _next_place(self, place: Ints) -> Ints:
-        return np.asarray((place + 1) & ((1 << self._bits) - 1), np.int64)
-
-    def _enter(self, keys: Ints, rows: Ints) -> None:
-        place = self._first_place(keys)
-        while len(keys):
-            free = self._table_key[place] == _EMPTY
-            self._table_key[place[free]] = keys[free]  # several may write one place; the last to write got it
-            won = free & (self._table_key[place] == keys)
-            self._table_row[place[won]] = rows[won]
-            keys, rows, place = keys[~won], rows[~won], self._next_place(place[~won])
-
-    def _reserve(self, count: int) -> None:
-        if count > len(self.key):
-            size = max(count, 2 * len(self.key))
-            for name in ("key", "owner", "hits", "seen", "views", "point"):
-                old = getattr(self, name)
-                new = np.zeros((size, *old.shape[1:]), old.dtype)
-                new[: len(old)] = old
-                setattr(self, name, new)
-        if 2 * count > 1 << self._bits:
-            self._bits = int(np.ceil(np.log2(4 * count)))
-            self._table_key = np.full(1 << self._bits, _EMPTY, np.int64)
-            self._table_row = np.zeros(1 << self._bits, np.int64)
-            self._enter(self.key[: self._count], np.arange(self._count))
+    return Things(
+        np.zeros(capacity, np.int64), np.zeros((capacity, dim), np.float32), floats(), ints(), floats(), ints(), ints(),
+        floats(), ints(), ints(), ints(), ints(), floats(), floats(), np.full(capacity, -1, np.int32),
+    )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
-def mask_voxels(clouds: Sequence[Floats], voxel_m: float) -> tuple[Ints, Ints, Floats]:
-    """(mask number [P], voxel key [P], a point [P, 3]) of each unique pair of mask and voxel; clouds: points [n, 3] per mask."""
-    if not clouds:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
-    points = np.concatenate(clouds)
-    mask = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
-    keys = voxel_keys(points, voxel_m)
-    order = np.lexsort((keys, mask))
-    first = np.ones(len(order), np.bool_)
-    first[1:] = (np.diff(keys[order]) != 0) | (np.diff(mask[order]) != 0)
-    pick = order[first]
-    return mask[pick], keys[pick], points[pick]
+@kernel
+def dot(a: Floats, b: Floats, n: int) -> float:
+    """Sum of products in eight strands, always in the same order."""
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = np.float32(0.0)
+    k = 0
+    while k + 8 <= n:
+        s0 += a[k] * b[k]
+        s1 += a[k + 1] * b[k + 1]
+        s2 += a[k + 2] * b[k + 2]
+        s3 += a[k + 3] * b[k + 3]
+        s4 += a[k + 4] * b[k + 4]
+        s5 += a[k + 5] * b[k + 5]
+        s6 += a[k + 6] * b[k + 6]
+        s7 += a[k + 7] * b[k + 7]
+        k += 8
+    while k < n:
+        s0 += a[k] * b[k]
+        k += 1
+    return float(((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)))
 
 
-@dataclass(frozen=True, slots=True)
-class Shared:
-    """What m masks share with c candidate instances. ids: int64 [c] ascending; voxels: float64 [m, c] shared voxel counts.
+@kernel
+def is_good(hits: int, seen: int, level: float, rules: Rules) -> bool:
+    """Whether a claim's evidence is a fair share of its pictures and of what is typical for its instance."""
+    return hits >= rules.ratio * (seen + 1.0) and hits >= rules.level * level
 
-    mask_voxels: float64 [m]; visible: float64 [c], voxels of the candidate that the picture shows.
+
+@kernel
+def candidates(cells: Cells, things: Things, rows: Rows, rules: Rules) -> Rows:
+    """Slots [c] with good claims in rows, by id; their ``column`` is set and must be reset by the caller."""
+    owner, hits, seen, level, column = cells.owner, cells.hits, cells.seen, things.level, things.column
+    found = np.empty(len(column), np.int32)
+    n = 0
+    for row in rows:
+        for c in range(CLAIMS):
+            slot = owner[row, c]
+            if slot >= 0 and column[slot] < 0 and is_good(hits[row, c], seen[row, c], level[slot], rules):
+                found[n] = slot
+                column[slot] = n
+                n += 1
+    order = np.argsort(things.id[found[:n]])
+    slots = found[:n][order]
+    for k in range(n):
+        column[slots[k]] = k
+    return slots
+
+
+@kernel
+def share_counts(
+    cells: Cells, things: Things, rows: Rows, starts: Ints, shown: Rows, slots: Rows, rules: Rules
+) -> tuple[NDArray[np.int64], Ints]:
+    """(voxels int64 [m, c] that masks share with candidates, visible int64 [c] voxels of each that the picture shows)."""
+    owner, hits, seen, level, column = cells.owner, cells.hits, cells.seen, things.level, things.column
+    shared = np.zeros((len(starts) - 1, len(slots)), np.int64)
+    visible = np.zeros(len(slots), np.int64)
+    for m in range(len(starts) - 1):
+        for p in range(starts[m], starts[m + 1]):
+            row = rows[p]
+            for c in range(CLAIMS):
+                slot = owner[row, c]
+                if slot >= 0 and column[slot] >= 0 and is_good(hits[row, c], seen[row, c], level[slot], rules):
+                    shared[m, column[slot]] += 1
+    for row in shown:
+        for c in range(CLAIMS):
+            slot = owner[row, c]
+            if slot >= 0 and column[slot] >= 0 and is_good(hits[row, c], seen[row, c], level[slot], rules):
+                visible[column[slot]] += 1
+    return shared, visible
+
+
+@kernel
+def cosine_to(things: Things, slot: int, meaning: Floats, dim: int) -> float:
+    """Cosine of a unit vector and an instance's mean; 0 where there is none or they come from different spaces."""
+    if dim == 0 or things.dim[slot] != dim or things.length[slot] <= 1e-9:
+        return 0.0
+    return float(dot(meaning, things.mean[slot], dim) / things.length[slot])
+
+
+@kernel
+def usual_cosine(things: Things, slot: int, tau_s: float) -> float:
+    """Least cosine that a mask of this instance has: tau_s, or more where all masks so far were closer to its mean."""
+    n = things.matches[slot]
+    if n < _FEW:
+        return tau_s
+    mean = things.likeness[slot] / n
+    spread = np.sqrt(max(things.likeness2[slot] / n - mean * mean, 0.0))
+    return float(max(tau_s, mean - 3.0 * max(spread, _LEAST_SPREAD)))
+
+
+@kernel
+def may_meet(rooms: Rows, room: int) -> bool:
+    """rooms: int32 [k] those that a mask lies in, 0 = filler. A mask in no known room, or an instance of none, meets everything."""
+    return room == 0 or rooms[0] == 0 or (rooms == room).any()
+
+
+@kernel
+def choose(
+    things: Things,
+    shared: NDArray[np.int64],
+    visible: Ints,
+    sizes: Ints,
+    slots: Rows,
+    meanings: Floats,
+    dims: Rows,
+    rooms: Rows,
+    rules: Rules,
+) -> Rows:
+    """Slot [m] that each mask is an observation of, NOBODY = none. sizes: int64 [m] voxels of the masks.
+
+    A mask belongs to an instance when their overlap (shared part of the smaller of the two) >= tau_g and their cosine >= tau_s.
+    Both masks and labels err: where the two are the same voxels (IoU >= tau_same over what the picture shows), a different
+    name does not make it a different thing. Among several the largest IoU times cosine wins, the older among equals.
     """
+    out = np.full(len(sizes), -1, np.int32)
+    worths = np.zeros(len(sizes))
+    tau_s = np.array([usual_cosine(things, slot, rules.tau_s) for slot in slots])
+    for m in range(len(sizes)):
+        for c in range(len(slots)):
+            both = shared[m, c]
+            if both == 0 or not may_meet(rooms[m], things.room[slots[c]]):
+                continue
+            # What the picture does not show of it can't be missed, but its rim alone does not stand for the whole.
+            known = max(float(visible[c]), rules.known * things.size[slots[c]])
+            overlap = both / max(min(float(sizes[m]), known), 1.0)
+            union = both / max(sizes[m] + visible[c] - both, 1)
+            if overlap < rules.tau_g and union < rules.tau_same:
+                continue
+            cosine = cosine_to(things, slots[c], meanings[m], dims[m])
+            if (overlap < rules.tau_g or cosine < tau_s[c]) and union < rules.tau_same:
+                continue
+            worth = union * (1.0 + max(cosine, 0.0))
+            if worth > worths[m]:
+                worths[m], out[m] = worth, slots[c]
+    part_ways(things, out, worths, rules.part)
+    return out
 
-    ids: Ints
-    voxels: Doubles
-    mask_voxels: Doubles
-    visible: Doubles
 
-    def overlap(self) -> Doubles:
-        """[m, c] shared part of the smaller of the two: 1 when one contains the other."""
-        return self.voxels / np.maximum(np.minimum(self.mask_voxels[:, None], self.visible[None]), 1.0)
+@kernel
+def part_ways(things: Things, slots: Rows, worths: NDArray[np.float64], part: float) -> None:
+    """Where an instance was made up of several masks in nearly all pictures, it is several things: only the best mask stays."""
+    for m in range(len(slots)):
+        slot = slots[m]
+        if slot < 0 or things.parted[slot] < max(6.0, part * (things.parted[slot] + things.whole[slot])):
+            continue
+        for k in range(len(slots)):
+            if k != m and slots[k] == slot and (worths[k] < worths[m] or (worths[k] == worths[m] and k > m)):
+                slots[k] = -1
 
-    def union(self) -> Doubles:
-        """[m, c] shared part of both together (IoU), over what the picture shows."""
-        return self.voxels / np.maximum(self.mask_voxels[:, None] + self.visible[None] - self.voxels, 1.0)
 
+@kernel
+def count_views(
+    things: Things, shared: NDArray[np.int64], visible: Ints, slots: Rows, chosen: Rows, rules: Rules
+) -> Rows:
+    """Count the picture for the instances that it shows well enough that they should have been detected, and how they were.
 
-def shared_voxels(index: VoxelIndex, mask: Ints, rows: Ints, masks: int, seen_rows: Ints, least_ratio: float) -> Shared:
-    """Count what masks share with instances.
-
-    mask: int64 [P] mask number 0..masks-1 of each unique (mask, voxel) pair, rows: int64 [P] its row or -1; seen_rows:
-    int64 [S] unique rows the picture shows, those of the masks included. Claims below least_ratio do not count.
+    Returns the slots of those that were not.
     """
-    mask_voxels = np.bincount(mask, minlength=masks).astype(np.float64)
-    known = rows >= 0
-    owner, ratio = index.owner[rows[known]], index.ratio(rows[known])
-    good = (owner > 0) & (ratio >= least_ratio)
-    ids, column = np.unique(owner[good], return_inverse=True)
-    which = np.broadcast_to(mask[known][:, None], owner.shape)[good]
-    voxels = np.bincount(which * max(len(ids), 1) + column.reshape(-1), minlength=masks * len(ids)).astype(np.float64)
-    owner, ratio = index.owner[seen_rows], index.ratio(seen_rows)
-    owner = owner[(owner > 0) & (ratio >= least_ratio)]
-    at = np.searchsorted(ids, owner)
-    wanted = at < len(ids)
-    wanted[wanted] = ids[at[wanted]] == owner[wanted]
-    visible = np.bincount(at[wanted], minlength=len(ids)).astype(np.float64)
-    return Shared(ids.astype(np.int64), voxels.reshape(masks, len(ids)), mask_voxels, visible)
+    missed, n = np.empty(len(slots), np.int32), 0
+    for c in range(len(slots)):
+        slot = slots[c]
+        masks, most = 0, 0
+        for m in range(len(chosen)):
+            if chosen[m] == slot:
+                masks += 1
+                most = max(most, shared[m, c])
+        if masks > 0 or visible[c] >= rules.visible * things.size[slot] > 0:
+            things.expected[slot] += 1
+            if masks == 0:
+                missed[n] = slot
+                n += 1
+        if masks > 1:
+            things.parted[slot] += 1
+        elif masks == 1 and most >= 0.8 * visible[c]:
+            things.whole[slot] += 1
+    return missed[:n]
 
 
-def choose(shared: Shared, cosine: Doubles, allowed: Bools, tau_g: float, tau_s: float, tau_same: float) -> Ints:
-    """Instance id [m] that each mask is an observation of, 0 = none.
+@kernel
+def covered_pairs(things: Things, shared: NDArray[np.int64], visible: Ints, slots: Rows, rules: Rules) -> Rows:
+    """Pairs [q, 2] of instances of one meaning that one mask covers together, lower id first."""
+    n_slots = len(slots)
+    pairs = np.empty((len(shared) * n_slots * max(n_slots - 1, 0) // 2, 2), np.int32)
+    least = np.empty(n_slots)
+    for c in range(n_slots):  # a few voxels of its rim in view say nothing about a thing
+        least[c] = max(rules.cover * visible[c], rules.shown * things.size[slots[c]], _LEAST_COVERED)
+    n = 0
+    for m in range(len(shared)):
+        for a in range(n_slots):
+            if shared[m, a] < least[a]:
+                continue
+            for b in range(a + 1, n_slots):
+                if shared[m, b] >= least[b] and alike(things, slots[a], slots[b]) >= rules.tau_merge:
+                    pairs[n, 0], pairs[n, 1] = slots[a], slots[b]
+                    n += 1
+    return pairs[:n]
 
-    A mask belongs to an instance when their overlap >= tau_g and their cosine >= tau_s, the paper's two criteria. Both
-    masks and labels err: where the two are the same voxels (IoU >= tau_same over what the picture shows), a different name
-    does not make it a different thing. Among several the largest IoU times cosine wins, the older id among equals.
-    cosine: [m, c]; allowed: bool [m, c], False where the room prior forbids the pair.
+
+@kernel
+def likeness_of(things: Things, slot: int) -> float:
+    """Squared cosine of single observations to what they observe, from the length of their mean: 1 = no noise."""
+    n = float(things.observations[slot])
+    if n < 2:
+        return 1.0
+    resultant = min(things.length[slot] / n, 1.0)
+    return float(max((n * resultant * resultant - 1.0) / (n - 1.0), 0.25))
+
+
+@kernel
+def alike(things: Things, a: int, b: int) -> float:
+    """Cosine of the meanings of two instances, freed from the noise of their means; 0 where they can't be compared."""
+    if things.dim[a] == 0 or things.dim[a] != things.dim[b] or min(things.length[a], things.length[b]) <= 1e-9:
+        return 0.0
+    cosine = dot(things.mean[a], things.mean[b], things.dim[a]) / (things.length[a] * things.length[b])
+    for slot in (a, b):
+        n, q2 = max(float(things.observations[slot]), 1.0), likeness_of(things, slot)
+        cosine *= np.sqrt(1.0 + (1.0 - q2) / (q2 * n))
+    return float(min(cosine, 1.0))
+
+
+@kernel
+def match(
+    cells: Cells,
+    things: Things,
+    rows: Rows,
+    starts: Ints,
+    shown: Rows,
+    meanings: Floats,
+    dims: Rows,
+    rooms: Rows,
+    rules: Rules,
+) -> Match:
+    """Which instance each mask is an observation of. rows, starts: voxels of the masks; shown: all that the picture shows.
+
+    meanings: float32 [m, D] unit vectors, dims: int32 [m] their length (0 = none); rooms: int32 [m, k].
     """
-    if not len(shared.ids):
-        return np.zeros(len(shared.mask_voxels), np.int64)
-    union = shared.union()
-    eligible = allowed & (((shared.overlap() >= tau_g) & (cosine >= tau_s)) | (union >= tau_same))
-    worth = np.where(eligible, union * (1.0 + np.maximum(cosine, 0.0)), 0.0)
-    best = worth.argmax(1)
-    return np.where(worth[np.arange(len(best)), best] > 0, shared.ids[best], 0)
+    slots = candidates(cells, things, shown, rules)
+    shared, visible = share_counts(cells, things, rows, starts, shown, slots, rules)
+    for slot in slots:
+        things.column[slot] = -1
+    chosen = choose(things, shared, visible, starts[1:] - starts[:-1], slots, meanings, dims, rooms, rules)
+    missed = count_views(things, shared, visible, slots, chosen, rules)
+    return Match(chosen, missed, covered_pairs(things, shared, visible, slots, rules))
+
+
+@kernel
+def add_meanings(things: Things, slots: Rows, meanings: Floats, dims: Rows) -> None:
+    """Each mask's unit vector into its instance's mean; a vector of another space starts anew."""
+    for m in range(len(slots)):
+        slot, dim = slots[m], dims[m]
+        if dim == 0:
+            continue
+        if things.dim[slot] != dim:
+            things.mean[slot] = 0
+            things.dim[slot] = dim
+        elif things.length[slot] > 1e-9:
+            cosine = dot(meanings[m], things.mean[slot], dim) / things.length[slot]
+            things.matches[slot] += 1
+            things.likeness[slot] += cosine
+            things.likeness2[slot] += cosine * cosine
+        for k in range(dim):
+            things.mean[slot, k] += meanings[m, k]
+        things.length[slot] = np.sqrt(dot(things.mean[slot], things.mean[slot], dim))
+
+
+@kernel
+def rooms_of_masks(
+    labels: NDArray[np.int32], x0: float, y0: float, per_m: float, points: Floats, offset: Ints, least: float
+) -> Rows:
+    """Rooms int32 [m, 4] that hold at least a share ``least`` of a mask's points each, 0 = filler; labels: int32 [H, W]."""
+    out = np.zeros((len(offset) - 1, 4), np.int32)
+    for m in range(len(out)):
+        ids, votes, n, asked = np.zeros(16, np.int32), np.zeros(16, np.int64), 0, 0
+        for p in range(offset[m], offset[m + 1], 4):  # every fourth point tells as much
+            asked += 1
+            row, col = int(np.floor((points[p, 1] - y0) * per_m)), int(np.floor((points[p, 0] - x0) * per_m))
+            if not (0 <= row < labels.shape[0] and 0 <= col < labels.shape[1]) or labels[row, col] == 0:
+                continue
+            k = 0
+            while k < n and ids[k] != labels[row, col]:
+                k += 1
+            if k < 16:
+                ids[k] = labels[row, col]
+                votes[k] += 1
+                n = max(n, k + 1)
+        found = 0
+        for k in range(n):
+            if votes[k] >= least * asked and found < 4:
+                out[m, found] = ids[k]
+                found += 1
+    return out

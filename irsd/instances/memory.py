@@ -7,66 +7,25 @@ seldom for how often it could have been seen is never published. Work per pictur
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
-from irsd.core.settings import setting
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, Rooms
-from irsd.instances.associate import (
-    Bools,
-    Doubles,
-    Floats,
-    Ints,
-    Shared,
-    VoxelIndex,
-    choose,
-    mask_voxels,
-    shared_voxels,
-    voxel_keys,
-)
-from irsd.instances.lift import LiftedMask, LiftedView, connected_parts
+from irsd.instances.associate import add_meanings, alike, match
+from irsd.instances.lift import LiftedView
 from irsd.instances.record import Embed, Instance, Names
-from irsd.instances.room_prior import may_meet, room_of
+from irsd.instances.room_prior import room_of, rooms_of_all
+from irsd.instances.roster import Roster
+from irsd.instances.settings import FusionSettings
+from irsd.instances.settle import Settled, absorb, large_parts, release, settle
+from irsd.instances.voxel_memory import VoxelMemory
+from irsd.instances.voxels import Floats, Ints, Rows, add_evidence, voxel_keys
 
-_LEAST_COVERED = 3  # voxels of an instance that a mask must cover to say anything about it
+__all__ = ["FusionSettings", "InstanceMemory"]
 
-
-@dataclass(frozen=True)
-class FusionSettings:
-    """Settings of instance fusion."""
-
-    voxel_m: float = setting(0.04, "edge of a voxel of the memory", lo=0.01, hi=0.5)
-    tau_g: float = setting(0.3, "least geometric overlap of a mask and an instance", lo=0.0, hi=1.0)
-    tau_s: float = setting(0.8, "least cosine of their meanings", lo=-1.0, hi=1.0)
-    tau_same: float = setting(0.5, "IoU from which two things are one, whatever their names", lo=0.0, hi=1.0)
-    merge_ratio: float = setting(
-        0.25, "relative evidence from which a claim counts for matching and merging", lo=0.0, hi=1.0
-    )
-    doubt: float = setting(
-        1.0, "share of earlier sightings without a claim that count against a new claim", lo=0.0, hi=1.0
-    )
-    cover_share: float = setting(
-        0.5, "a mask covers an instance with this share of what is visible of it", lo=0.0, hi=1.0
-    )
-    own_ratio: float = setting(0.2, "voxels with less relative evidence belong to nobody", lo=0.0, hi=1.0)
-    room_prior: bool = setting(True, "match only inside a room, unless a mask crosses its border")
-    cross_share: float = setting(
-        0.1, "a mask with this share of points in another room crosses the border", lo=0.0, hi=1.0
-    )
-    min_observations: int = setting(3, "pictures that must have seen an instance before it is published", lo=1, hi=1000)
-    min_existence: float = setting(0.12, "least share of the pictures that should have seen it", lo=0.0, hi=1.0)
-    min_voxels: int = setting(5, "voxels an instance must own to be published", lo=1, hi=100_000)
-    min_owned: float = setting(0.3, "least share of its good voxels that an instance must own", lo=0.0, hi=1.0)
-    visible_share: float = setting(
-        0.5, "a picture that shows this share of an instance should have seen it", lo=0.0, hi=1.0
-    )
-    part_m: float = setting(0.12, "edge of the cells that join the parts of an instance", lo=0.01, hi=1.0)
-    part_share: float = setting(0.1, "parts with a smaller share of the largest part are not published", lo=0.0, hi=1.0)
-    forget_views: int = setting(400, "pictures after which an unconfirmed instance is forgotten", lo=10, hi=1_000_000)
-    top_labels: int = setting(5, "labels given with an instance", lo=1, hi=100)
+_CHECKED = 32  # unconfirmed instances looked at per collect
 
 
 class InstanceMemory:
@@ -74,132 +33,94 @@ class InstanceMemory:
 
     def __init__(self, settings: FusionSettings, embed: Embed) -> None:
         self.settings = settings
+        self._blind = True  # until a picture tells what it saw beside its masks
+        self._rules, self._limits = settings.rules(self._blind), settings.limits(self._blind)
         self._names = Names(embed)
-        self._index = VoxelIndex()
-        self._instances: dict[int, Instance] = {}
+        self._voxels = VoxelMemory(settings.voxel_m)
+        self._roster = Roster()
         self._touched: dict[int, None] = {}
-        self._next_id = 1
+        self._waiting: deque[int] = deque()
         self._views = 0
         self._rooms: Rooms | None = None
         self._ended: list[int] = []
         self._merged: list[tuple[int, int]] = []
 
     def __len__(self) -> int:
-        return len(self._instances)
+        return len(self._roster)
 
     # ------------------------------------------------------------------------------------------------ observing
     def observe(self, view: CameraView, lifted: LiftedView, rooms: Rooms | None) -> None:
         """Fuse one picture's masks. rooms: the rooms as known now; None or room 0 = unknown, which restricts nothing."""
         self._views += 1
         self.follow_rooms(rooms)
-        seen = self._index.find(np.unique(voxel_keys(lifted.seen_map, self.settings.voxel_m)))
-        seen = seen[seen >= 0]
+        if self._blind and len(lifted.seen_map):
+            self._blind = False
+            self._rules, self._limits = self.settings.rules(False), self.settings.limits(False)
         masks = [m for m in lifted.masks if len(m.points_map)]
-        mask, key, point = mask_voxels([m.points_map for m in masks], self.settings.voxel_m)
-        rows = self._index.find(key)
-        seen = np.union1d(seen, rows[rows >= 0])
-        shared = shared_voxels(self._index, mask, rows, len(masks), seen, self.settings.merge_ratio)
+        points = np.concatenate([m.points_map for m in masks]) if masks else np.zeros((0, 3), np.float32)
+        offset = np.zeros(len(masks) + 1, np.int64)
+        offset[1:] = np.cumsum([len(m.points_map) for m in masks])
+        rows, starts = self._voxels.gather(points, offset, self._views)
+        shown = self._voxels.sight(rows, lifted.seen_map, self._views)
         vectors = [self._names.vector(m.labels[0][0]) if m.embedding is None else m.embedding for m in masks]
-        meanings = [np.asarray(vector, np.float64) for vector in vectors]
-        ids = choose(
-            shared,
-            self._cosines(meanings, shared.ids),
-            self._allowed(masks, shared),
-            self.settings.tau_g,
-            self.settings.tau_s,
-            self.settings.tau_same,
+        meanings, dims = self._roster.meanings(vectors)
+        mask_rooms = rooms_of_all(
+            self._rooms if self.settings.room_prior else None, points, offset, self.settings.cross_share
         )
-        self._expect(seen, ids)
-        self._compare(shared, ids)
-        for k in np.flatnonzero(ids == 0).tolist():
-            ids[k] = self._create(view.stamp_ns, masks[k])
-        for k, lifted_mask in enumerate(masks):
-            self._add_observation(self._instances[int(ids[k])], lifted_mask, meanings[k], view.stamp_ns)
-        self._add_evidence(ids[mask] if masks else mask, key, point, seen)
+        things = self._roster.things
+        found = match(self._voxels.cells, things, rows, starts, shown, meanings, dims, mask_rooms, self._rules)
+        slots = found.slots
+        self._touched.update((self._roster.by_slot[slot].id, None) for slot in found.missed.tolist())
+        self._compare(found.pairs, slots)
+        for k in np.flatnonzero(slots < 0).tolist():
+            slots[k] = self._create(view.stamp_ns, masks[k].points_map).slot
+        for slot, mask in zip(slots.tolist(), masks, strict=True):
+            self._add_observation(self._roster.by_slot[slot], mask.labels, view.stamp_ns)
+        add_meanings(self._roster.things, slots, meanings, dims)
+        self._add_evidence(rows, starts, slots, shown)
 
-    def _cosines(self, meanings: Sequence[Doubles], ids: Ints) -> Doubles:
-        """[m, c] cosine of masks and instances; 0 where their vectors come from different spaces."""
-        out = np.zeros((len(meanings), len(ids)))
-        for c, instance in enumerate(ids.tolist()):
-            mean = self._instances[instance].direction()
-            for m, vector in enumerate(meanings):
-                if mean is not None and len(vector) == len(mean):
-                    out[m, c] = float(vector @ mean)
-        return out
-
-    def _add_observation(self, instance: Instance, mask: LiftedMask, meaning: Doubles, stamp_ns: int) -> None:
+    def _add_observation(self, instance: Instance, labels: Sequence[tuple[str, float]], stamp_ns: int) -> None:
         if instance.last_view != self._views:  # both halves of a split mask are one observation
-            instance.observations += 1
+            self._roster.things.observations[instance.slot] += 1
             instance.last_view = self._views
         instance.last_seen_ns = stamp_ns
-        instance.add_meaning(meaning)
-        for name, score in mask.labels:
+        for name, score in labels:
             instance.add_label(name, self._names.group(name), score)
         self._touched[instance.id] = None
 
-    def _expect(self, seen: Ints, ids: Ints) -> None:
-        """Count the picture for the instances that it shows well enough that they should have been detected."""
-        owner = self._index.owner[seen]
-        shown, count = np.unique(owner[owner > 0], return_counts=True)
-        matched = set(ids.tolist())
-        for instance_id, voxels in zip(shown.tolist(), count.tolist(), strict=True):
-            instance = self._instances[instance_id]
-            if instance_id in matched or voxels >= self.settings.visible_share * instance.size > 0:
-                instance.expected += 1
-                self._touched[instance_id] = None
+    def _compare(self, pairs: Rows, slots: Rows) -> None:
+        """Note which instances of one meaning a mask covers together, and how often such were seen each in its own mask."""
+        by_slot, by_id = self._roster.by_slot, self._roster.by_id
+        for a, b in pairs.tolist():
+            by_slot[a].compare(by_slot[b], 1, 0)
+        matched = {by_slot[slot].id for slot in slots.tolist() if slot >= 0}
+        for one in sorted(matched):
+            beside = by_id[one].beside
+            for other in [i for i in beside if i > one and i in matched]:
+                by_id[one].compare(by_id[other], 0, 1)
 
-    def _compare(self, shared: Shared, ids: Ints) -> None:
-        """Note which instances of one meaning a mask covers together, and which were seen apart, each in its own mask."""
-        covered = (shared.voxels >= self.settings.cover_share * shared.visible) & (shared.voxels >= _LEAST_COVERED)
-        matched = ids[ids > 0]
-        pairs = [(shared.ids[np.flatnonzero(row)], 1, 0) for row in covered] + [(np.unique(matched), 0, 1)]
-        for some, together, apart in pairs:
-            if len(some) < 2:
-                continue
-            means = [self._instances[i].direction() for i in some.tolist()]
-            for a, b in combinations(range(len(some)), 2):
-                one, other = means[a], means[b]
-                if one is None or other is None or len(one) != len(other) or one @ other < self.settings.tau_s:
-                    continue
-                self._instances[int(some[a])].compare(self._instances[int(some[b])], together, apart)
+    def _create(self, stamp_ns: int, points: Floats) -> Instance:
+        instance = self._roster.create(stamp_ns, room_of(self._rooms, points))
+        self._roster.things.expected[instance.slot] = 1
+        self._waiting.append(instance.id)
+        return instance
 
-    def _create(self, stamp_ns: int, mask: LiftedMask) -> int:
-        instance = Instance(self._next_id, stamp_ns, expected=1.0, room=room_of(self._rooms, mask.points_map))
-        self._instances[instance.id] = instance
-        self._next_id += 1
-        return instance.id
-
-    def _add_evidence(self, ids: Ints, key: Ints, point: Floats, seen: Ints) -> None:
-        """Write one picture into the index.
-
-        ids, key, point: per unique (mask, voxel) [P]; seen: unique rows that the picture shows, the masks' known ones included.
-        """
-        unique_key, first = np.unique(key, return_index=True)
-        self._index.insert(unique_key)
-        rows = self._index.find(key)
-        fresh = rows[first]
-        self._index.point[fresh] = point[first]
-        self._index.views[np.union1d(seen, fresh)] += 1
-        order = np.lexsort((ids, rows))
-        rows, ids = rows[order], ids[order]
-        keep = np.ones(len(rows), np.bool_)
-        keep[1:] = (np.diff(rows) != 0) | (np.diff(ids) != 0)
-        rows, ids = rows[keep], ids[keep]
-        # Everything shown of the instances in this picture was seen once more; hits are added to the claims below.
-        owner = self._index.owner[seen]
-        self._index.seen[seen] += np.isin(owner, np.unique(ids)) & (owner > 0)
-        claimed = self._index.slot_of(rows, ids)
-        new = claimed < 0
-        at = np.searchsorted(seen, rows) if len(seen) else np.zeros(len(rows), np.int64)
-        # ``claim`` counts the picture itself, so take back what the line above gave to the same claims.
-        self._index.seen[rows[~new], claimed[~new]] -= seen[np.minimum(at[~new], len(seen) - 1)] == rows[~new]
-        observations = np.array([self._instances[i].observations for i in ids.tolist()], np.float32)
-        before = self.settings.doubt * (np.minimum(self._index.views[rows], observations).astype(np.float32) - 1)
-        self._index.claim(rows, ids, np.maximum(before, 0))
-        for instance in np.unique(ids[new]).tolist():
-            mine = rows[new & (ids == instance)]
-            self._instances[instance].rows.append(mine)
-            self._instances[instance].size += 0 if self._instances[instance].published else len(mine)
+    def _add_evidence(self, rows: Rows, starts: Ints, slots: Rows, shown: Rows) -> None:
+        """Write one picture into the voxels."""
+        things = self._roster.things
+        in_view = np.zeros(len(things.id), np.bool_)
+        in_view[slots] = True
+        voxels = self._voxels
+        fresh, ends = add_evidence(
+            voxels.cells, voxels.counts, rows, starts, slots, shown, in_view, things.observations, self.settings.doubt
+        )
+        for k, slot in enumerate(slots.tolist()):
+            new = fresh[ends[k] : ends[k + 1]]
+            if len(new):
+                instance = self._roster.by_slot[slot]
+                instance.rows.append(new)
+                if not instance.published:
+                    things.size[slot] += len(new)
 
     # ------------------------------------------------------------------------------------------------ rooms
     def follow_rooms(self, rooms: Rooms | None) -> None:
@@ -207,137 +128,137 @@ class InstanceMemory:
         if rooms is self._rooms:
             return
         self._rooms = rooms
-        for instance in self._instances.values():
-            room = room_of(self._rooms, self._index.point[instance.owned])
-            if len(instance.owned) and room != instance.room:
-                instance.room = room
-                self._touched[instance.id] = None
-
-    def _allowed(self, masks: Sequence[LiftedMask], shared: Shared) -> Bools:
-        rooms = self._rooms if self.settings.room_prior else None
-        instance_rooms = np.array([self._instances[i].room for i in shared.ids.tolist()], np.int64)
-        return may_meet(rooms, [m.points_map for m in masks], instance_rooms, self.settings.cross_share)
+        for instance in self._roster.by_id.values():
+            if len(instance.owned):
+                room = room_of(rooms, self._voxels.cells.point[instance.owned])
+                if room != self._roster.things.room[instance.slot]:
+                    self._roster.things.room[instance.slot] = room
+                    self._touched[instance.id] = None
 
     # ------------------------------------------------------------------------------------------------ collecting
     def collect(self, stamp_ns: int) -> InstanceUpdate:
         """Merge what proved to be one, settle who owns which voxel, and report what changed since the last call."""
-        touched = [i for i in sorted(self._touched) if i in self._instances]
+        by_id, by_slot = self._roster.by_id, self._roster.by_slot
+        touched = [i for i in sorted(self._touched) if i in by_id]
         self._touched.clear()
+        stock = {i: self._settle(by_id[i]) for i in touched}
         for instance_id in touched:
-            if instance_id in self._instances:
-                self._merge_around(self._instances[instance_id])
-        neighbours: set[int] = set()
-        for instance_id in touched:
-            if instance_id in self._instances:
-                neighbours |= self._settle(self._instances[instance_id])
-        for instance_id in sorted(neighbours - set(touched)):
-            self._settle(self._instances[instance_id])
+            if instance_id in by_id:
+                self._merge_around(by_id[instance_id], stock)
+        neighbours = {by_slot[s].id for i in stock if i in by_id for s in stock[i].others.tolist() if s in by_slot}
+        for instance_id in sorted(neighbours - stock.keys()):
+            stock[instance_id] = self._settle(by_id[instance_id])
         changed: list[InstanceState] = []
-        for instance_id in sorted(neighbours | set(touched)):
-            if instance_id in self._instances:
-                self._publish(self._instances[instance_id], changed)
+        for instance_id in sorted(stock):
+            if instance_id in by_id:
+                self._publish(by_id[instance_id], changed)
         self._forget()
         ended, self._ended = tuple(sorted(self._ended)), []
         merges, self._merged = tuple(self._merged), []
         return InstanceUpdate(stamp_ns, tuple(changed), ended, merges)
 
-    def _live_rows(self, instance: Instance) -> tuple[Ints, Ints]:
-        """(rows, slots) that the instance holds now; claims that gave way are dropped from its list for good."""
-        rows = instance.rows[0] if len(instance.rows) == 1 else np.unique(np.concatenate(instance.rows))
-        slot = self._index.slot_of(rows, np.full(len(rows), instance.id, np.int64))
-        if (slot < 0).any():
-            rows, slot = rows[slot >= 0], slot[slot >= 0]
-        instance.rows = [rows]
-        return rows, slot
+    def _settle(self, instance: Instance) -> Settled:
+        """Find the voxels that the instance owns now."""
+        things, slot = self._roster.things, instance.slot
+        chunk = instance.rows[0] if len(instance.rows) == 1 else np.concatenate(instance.rows)
+        stock = settle(self._voxels.cells, things, chunk, instance.ascending, slot, self._limits)
+        instance.rows, instance.ascending, instance.owned = [stock.rows], len(stock.rows), stock.owned
+        things.level[slot], things.size[slot] = stock.typical, stock.good
+        if self._rooms is not None and len(stock.owned):
+            things.room[slot] = room_of(self._rooms, self._voxels.cells.point[stock.owned])
+        return stock
 
-    def _merge_around(self, instance: Instance) -> None:
+    def _merge_around(self, instance: Instance, stock: dict[int, Settled]) -> None:
         """Merge the instance with those that claim its voxels, one after the other while any qualifies."""
+        by_id, by_slot = self._roster.by_id, self._roster.by_slot
         while True:
-            rows, slot = self._live_rows(instance)
-            good = self._index.ratio(rows) >= self.settings.merge_ratio
-            owner = np.where(good, self._index.owner[rows], 0)
-            mine = good[np.arange(len(rows)), slot]
-            others, both = np.unique(owner[mine], return_counts=True)
-            shared = dict(zip(others.tolist(), both.tolist(), strict=True))
-            for other_id in sorted((set(shared) | set(instance.beside)) - {0, instance.id}):
-                other = self._instances[other_id]
+            mine = stock[instance.id]
+            shared = {
+                by_slot[s].id: both
+                for s, both in zip(mine.others.tolist(), mine.both.tolist(), strict=True)
+                if s in by_slot
+            }
+            for other_id in sorted(shared.keys() | instance.beside.keys()):
+                other = by_id[other_id]
+                if other_id not in stock:
+                    stock[other_id] = self._settle(other)
                 if self._seen_as_one(instance, other) or self._are_one(
-                    instance, int(mine.sum()), other, shared.get(other_id, 0)
+                    instance, mine.mine, other, stock[other_id].mine, shared.get(other_id, 0)
                 ):
-                    instance = self._absorb(
-                        *sorted((instance, other), key=lambda i: (not i.published, -i.observations, i.id))
-                    )
+                    pair = sorted((instance, other), key=self._seniority)
+                    instance = self._absorb(*pair)
+                    stock.pop(pair[1].id)
+                    stock[instance.id] = self._settle(instance)
                     break
             else:
                 return
 
+    def _seniority(self, instance: Instance) -> tuple[bool, int, int]:
+        return not instance.published, -int(self._roster.things.observations[instance.slot]), instance.id
+
     def _seen_as_one(self, a: Instance, b: Instance) -> bool:
         """Masks covered both often enough, compared with how often each had its own mask in one picture."""
         together, apart = a.beside.get(b.id, (0, 0))
-        return together >= max(self.settings.min_observations, self.settings.merge_ratio * (together + apart))
+        needed = max(self.settings.min_observations, self.settings.merge_ratio * (together + apart))
+        things = self._roster.things
+        often = min(things.observations[a.slot], things.observations[b.slot]) >= self.settings.min_observations
+        return bool(often and not self.settings.plain and together >= needed)
 
-    def _are_one(self, a: Instance, a_size: int, b: Instance, both: int) -> bool:
+    def _are_one(self, a: Instance, a_size: int, b: Instance, b_size: int, both: int) -> bool:
         """The paper's two criteria inside a room on the evidence of all pictures, or the same voxels under two names."""
-        rows, slot = self._live_rows(b)
-        b_size = int((self._index.ratio(rows)[np.arange(len(rows)), slot] >= self.settings.merge_ratio).sum())
-        if min(a_size, b_size) < self.settings.min_voxels:
+        s, things = self.settings, self._roster.things
+        overlap, cosine = (s.tau_g, s.tau_s) if s.plain else (s.merge_overlap, s.tau_merge)
+        if min(a_size, b_size) < s.min_voxels:
             return False
-        if both >= self.settings.tau_same * (a_size + b_size - both):
+        seldom = min(things.observations[a.slot], things.observations[b.slot]) < s.min_observations
+        if seldom and not s.plain:
+            return False  # what one odd mask brought about is no evidence yet
+        if both >= s.tau_same * (a_size + b_size - both) and not s.plain:
             return True
-        parted = self.settings.room_prior and 0 not in (a.room, b.room) and a.room != b.room
-        if parted or both < self.settings.tau_g * min(a_size, b_size):
+        a_room, b_room = int(things.room[a.slot]), int(things.room[b.slot])
+        parted = s.room_prior and 0 not in (a_room, b_room) and a_room != b_room
+        if parted or both < overlap * min(a_size, b_size):
             return False
-        mean = a.direction()
-        return mean is not None and bool(self._cosines([mean], np.array([b.id]))[0, 0] >= self.settings.tau_s)
+        return bool(alike(things, a.slot, b.slot) >= cosine)
 
     def _absorb(self, kept: Instance, gone: Instance) -> Instance:
         """All evidence of ``gone`` becomes that of ``kept``."""
-        rows, slot = self._live_rows(gone)
-        hits, seen = self._index.hits[rows, slot].copy(), self._index.seen[rows, slot].copy()
-        have = self._index.slot_of(rows, np.full(len(rows), kept.id, np.int64))
-        both, only = have >= 0, have < 0
-        self._index.hits[rows[both], have[both]] += hits[both]
-        self._index.seen[rows[both], have[both]] += seen[both]
-        self._index.owner[rows[only], slot[only]] = kept.id
-        self._index.release(rows[both], gone.id)
-        kept.rows.append(rows[only])
+        things, by_id = self._roster.things, self._roster.by_id
+        rows = np.concatenate(gone.rows)
+        absorb(self._voxels.cells, rows, kept.slot, gone.slot)
+        kept.rows.append(rows)
         kept.take_over(gone)
+        one, two = kept.slot, gone.slot
+        things.observations[one] += things.observations[two]
+        things.expected[one] = max(things.expected[one], things.expected[two], things.observations[one])
+        if things.dim[two] and things.dim[one] in (0, things.dim[two]):
+            add_meanings(things, np.array([one], np.int32), things.mean[two : two + 1], things.dim[two : two + 1])
         for other_id, (together, apart) in self._leave(gone):
             if other_id != kept.id:
-                kept.compare(self._instances[other_id], together, apart)
+                kept.compare(by_id[other_id], together, apart)
         if gone.published:
             self._ended.append(gone.id)
             self._merged.append((kept.id, gone.id))
-        self._touched[kept.id] = None
         return kept
 
     def _leave(self, gone: Instance) -> list[tuple[int, tuple[int, int]]]:
         """Take an instance out; returns what was noted about it and its neighbours."""
         for other_id in gone.beside:
-            self._instances[other_id].beside.pop(gone.id)
-        del self._instances[gone.id]
+            self._roster.by_id[other_id].beside.pop(gone.id)
+        self._roster.remove(gone)
         return list(gone.beside.items())
 
-    def _settle(self, instance: Instance) -> set[int]:
-        """Find the voxels that the instance owns now; returns who else claims voxels of it."""
-        rows, slot = self._live_rows(instance)
-        owners = self._index.owners(rows, self.settings.own_ratio)
-        good = self._index.ratio(rows)[np.arange(len(rows)), slot] >= self.settings.own_ratio
-        instance.owned = rows[owners == instance.id]
-        instance.size = float(good.sum())
-        instance.room = room_of(self._rooms, self._index.point[instance.owned])
-        return set(np.unique(self._index.owner[rows]).tolist()) - {0, instance.id}
-
     def _publish(self, instance: Instance, changed: list[InstanceState]) -> None:
-        s = self.settings
+        s, things = self.settings, self._roster.things
         owned = len(instance.owned)
         # Once published, an instance stays until the evidence is clearly gone: no flicker at the threshold.
         slack = 0.5 if instance.published else 1.0
+        existence, seen = self._roster.existence(instance.slot), int(things.observations[instance.slot])
         confirmed = (
-            instance.observations >= s.min_observations
+            (seen >= s.min_observations or (self._blind and seen >= 2 and existence >= s.early_existence * slack))
             and owned >= s.min_voxels * slack
-            and owned >= s.min_owned * slack * instance.size
-            and instance.existence >= s.min_existence * slack
+            and owned >= s.min_owned * slack * things.size[instance.slot]
+            and (s.plain or existence >= s.min_existence * slack)
         )
         if confirmed:
             instance.published = True
@@ -345,56 +266,70 @@ class InstanceMemory:
         elif instance.published:
             instance.published = False
             self._ended.append(instance.id)
+            self._waiting.append(instance.id)
 
     def _forget(self) -> None:
         """Drop unconfirmed instances that nothing has shown for long: label noise must not fill the memory."""
         limit = self._views - self.settings.forget_views
-        old = [i for i in self._instances.values() if not i.published and i.last_view < limit]
-        for instance in old:
-            rows, _ = self._live_rows(instance)
-            self._index.release(rows, instance.id)
+        for _ in range(min(_CHECKED, len(self._waiting))):
+            instance = self._roster.by_id.get(self._waiting.popleft())
+            if instance is None or instance.published:
+                continue
+            if instance.last_view >= limit:
+                self._waiting.append(instance.id)
+                continue
+            release(self._voxels.cells, np.concatenate(instance.rows), instance.slot)
             self._leave(instance)
 
     def _state(self, instance: Instance) -> InstanceState:
-        points = self._index.point[instance.owned]
-        part = connected_parts(points, self.settings.part_m)
-        size = np.bincount(part)
-        points = points[size[part] >= self.settings.part_share * size.max()]
-        meaning = instance.direction()
+        points = self._voxels.cells.point[instance.owned]
+        points = points[large_parts(points, self.settings.part_m, self.settings.part_share)]
+        slot = instance.slot
         return InstanceState(
             instance.id,
             points,
-            None if meaning is None else meaning.astype(np.float32),
+            self._roster.direction(slot),
             instance.labels(self._names, self.settings.top_labels),
-            instance.room,
-            instance.observations,
-            round(instance.existence, 4),
+            int(self._roster.things.room[slot]),
+            int(self._roster.things.observations[slot]),
+            round(self._roster.existence(slot), 4),
             instance.first_seen_ns,
             instance.last_seen_ns,
         )
 
     def states(self) -> tuple[InstanceState, ...]:
         """All published instances, in the order of their ids."""
-        return tuple(self._state(i) for _, i in sorted(self._instances.items()) if i.published and len(i.owned))
+        published = [i for _, i in sorted(self._roster.by_id.items()) if i.published]
+        for instance in published:
+            self._settle(instance)
+        return tuple(self._state(i) for i in published if len(i.owned))
 
     def restore(self, states: Sequence[InstanceState]) -> None:
         """Resume from stored states: their ids go on, their voxels carry as much evidence as they had pictures."""
+        things, cells = self._roster.things, self._voxels.cells
         for state in sorted(states, key=lambda s: s.id):
-            instance = Instance(state.id, state.first_seen_ns, state.last_seen_ns, self._views, state.observations)
-            instance.expected = state.observations / max(state.existence, 1e-3)
-            instance.room, instance.published = state.room, True
-            if state.embedding is not None:
-                instance.meaning = state.embedding.astype(np.float64) * state.observations
+            instance = self._roster.create(state.first_seen_ns, state.room, state.id)
+            instance.last_seen_ns, instance.last_view, instance.published = state.last_seen_ns, self._views, True
+            slot = np.array([instance.slot], np.int32)
             for name, share in state.labels:
                 instance.add_label(name, self._names.group(name), share * state.observations)
-            keys, first = np.unique(voxel_keys(state.points_map, self.settings.voxel_m), return_index=True)
-            rows = self._index.insert(keys)
-            self._index.point[rows] = state.points_map[first]
-            self._index.claim(rows, np.full(len(rows), state.id), np.zeros(len(rows), np.float32))
-            slot = self._index.slot_of(rows, np.full(len(rows), state.id))
-            for evidence in (self._index.hits, self._index.seen):
-                evidence[rows, slot] = state.observations
-            self._index.views[rows] = np.maximum(self._index.views[rows], state.observations)
-            instance.rows, instance.owned, instance.size = [rows], rows, float(len(rows))
-            self._instances[state.id] = instance
-            self._next_id = max(self._next_id, state.id + 1)
+            keys, first = np.unique(voxel_keys(state.points_map, self._voxels.per_m), return_index=True)
+            rows = self._voxels.insert(keys)
+            things, cells = self._roster.things, self._voxels.cells
+            things.observations[slot] = state.observations
+            things.expected[slot] = state.observations / max(state.existence, 1e-3)
+            if state.embedding is not None:
+                meanings, dims = self._roster.meanings([state.embedding * np.float32(state.observations)])
+                things = self._roster.things
+                add_meanings(things, slot, meanings, dims)
+            cells.point[rows], cells.mass[rows] = state.points_map[first], state.observations
+            offset = np.array([0, len(rows)], np.int64)
+            none = np.zeros(len(things.id), np.bool_)
+            add_evidence(cells, self._voxels.counts, rows, offset, slot, rows[:0], none, things.observations, 0.0)
+            mine = cells.owner[rows] == instance.slot
+            count = min(state.observations, 60_000)
+            cells.hits[rows] = np.where(mine, count, cells.hits[rows])
+            cells.seen[rows] = np.where(mine, count, cells.seen[rows])
+            cells.views[rows] = np.maximum(cells.views[rows], state.observations)
+            instance.rows, instance.owned = [rows], rows
+            things.level[slot], things.size[slot] = count, len(rows)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.instances.associate import Doubles, Floats, Ints
+from irsd.instances.voxels import Floats, Rows
 
 Embed = Callable[[Sequence[str]], NDArray[np.float32]]
 
@@ -43,44 +43,25 @@ class Names:
 
 @dataclass(slots=True)
 class Instance:
-    """One instance. rows: chunks of the index rows it ever claimed; owned: those it owned when last settled.
+    """One instance beside its numbers in ``Things``. rows: chunks of the rows it ever claimed; owned: those it owned.
 
-    expected: pictures that should have seen it; size: voxels with good evidence; meaning: float64 [D], sum of unit vectors.
-    beside: other instance -> (pictures in which one mask covered both, pictures in which each had its own).
+    ascending: so many rows of the first chunk are in order.
+
+    beside: id of another instance -> (pictures in which one mask covered both, pictures in which each had its own).
     """
 
     id: int
+    slot: int
     first_seen_ns: int
     last_seen_ns: int = 0
     last_view: int = 0
-    observations: int = 0
-    expected: float = 0.0
-    size: float = 0.0
-    room: int = 0
-    meaning: Doubles | None = None
     group_score: dict[int, float] = field(default_factory=dict)
     name_score: dict[str, float] = field(default_factory=dict)
-    rows: list[Ints] = field(default_factory=list)
-    owned: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    rows: list[Rows] = field(default_factory=list)
+    ascending: int = 0
+    owned: Rows = field(default_factory=lambda: np.zeros(0, np.int32))
     published: bool = False
     beside: dict[int, tuple[int, int]] = field(default_factory=dict)
-
-    @property
-    def existence(self) -> float:
-        """Share of the pictures that should have seen it and did."""
-        return min(1.0, self.observations / max(self.expected, 1.0))
-
-    def direction(self) -> Doubles | None:
-        """Unit vector float64 [D] of the mean meaning; None where there is none."""
-        length = 0.0 if self.meaning is None else float(np.linalg.norm(self.meaning))
-        return None if self.meaning is None or length < 1e-9 else self.meaning / length
-
-    def add_meaning(self, meaning: Doubles) -> None:
-        """One more unit vector (or sum of them); a vector of another space starts anew."""
-        if self.meaning is None or len(self.meaning) != len(meaning):
-            self.meaning = meaning.copy()
-        else:
-            self.meaning = self.meaning + meaning
 
     def add_label(self, name: str, group: int, score: float) -> None:
         self.group_score[group] = self.group_score.get(group, 0.0) + score
@@ -92,14 +73,10 @@ class Instance:
         self.beside[other.id] = other.beside[self.id] = (noted[0] + together, noted[1] + apart)
 
     def take_over(self, other: Instance) -> None:
-        """Add what is known of another instance that proved to be this one (the voxels' evidence is the index's affair)."""
-        self.observations += other.observations
-        self.expected = max(self.expected, other.expected, float(self.observations))
+        """Add what is known of another instance that proved to be this one (voxels and numbers are the arrays' affair)."""
         self.first_seen_ns = min(self.first_seen_ns, other.first_seen_ns)
         self.last_seen_ns = max(self.last_seen_ns, other.last_seen_ns)
         self.last_view = max(self.last_view, other.last_view)
-        if other.meaning is not None and (self.meaning is None or len(self.meaning) == len(other.meaning)):
-            self.add_meaning(other.meaning)
         for group, score in other.group_score.items():
             self.group_score[group] = self.group_score.get(group, 0.0) + score
         for name, score in other.name_score.items():

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from irsd.core.types import Rooms
-from irsd.instances.associate import Bools, Floats, Ints
+from irsd.instances.associate import rooms_of_masks
+from irsd.instances.voxels import Floats, Ints, Rows
 
 
 def room_votes(rooms: Rooms | None, points_map: Floats) -> tuple[Ints, Ints]:
@@ -29,19 +28,15 @@ def room_of(rooms: Rooms | None, points_map: Floats) -> int:
     return int(ids[counts.argmax()]) if len(counts) else 0
 
 
-def may_meet(rooms: Rooms | None, masks: Sequence[Floats], instance_rooms: Ints, cross_share: float) -> Bools:
-    """[m, c] False where a mask and an instance lie in different rooms.
+def rooms_of_all(rooms: Rooms | None, points_map: Floats, offset: Ints, cross_share: float) -> Rows:
+    """Rooms int32 [m, 4] that masks may meet instances of, 0 = filler; a mask without any meets everything.
 
-    masks: points [n, 3] each; instance_rooms: int64 [c], 0 = unknown, which meets everything. A mask with at least
-    cross_share of its points in a second room crosses the border and meets the instances of both; one that lies in no room
-    meets everything.
+    points_map: float32 [N, 3], those of mask k at offset[k]:offset[k + 1]. A mask with at least cross_share of its points in a
+    second room crosses the border and meets the instances of both.
     """
-    allowed = np.ones((len(masks), len(instance_rooms)), np.bool_)
     if rooms is None:
-        return allowed
-    for m, points in enumerate(masks):
-        ids, counts = room_votes(rooms, points)
-        mine = ids[(ids > 0) & (counts >= cross_share * len(points))]
-        if len(mine):
-            allowed[m] = (instance_rooms == 0) | np.isin(instance_rooms, mine)
-    return allowed
+        return np.zeros((len(offset) - 1, 4), np.int32)
+    x0, y0 = rooms.frame.origin_xy_m
+    return np.asarray(
+        rooms_of_masks(rooms.labels, x0, y0, 1.0 / rooms.frame.resolution_m, points_map, offset, cross_share)
+    )

@@ -1,146 +1,257 @@
-"""The voxel index and the matching of masks to instances, against plain dictionaries and loops."""
+"""The voxel memory and the matching of masks to instances, against plain dictionaries, sets and loops."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from irsd.instances.associate import SLOTS, Shared, VoxelIndex, choose, shared_voxels, voxel_keys
+from irsd.instances.associate import Rules, Things, choose, dot, match, new_things, rooms_of_masks
+from irsd.instances.settle import Limits, connected_parts, settle
+from irsd.instances.voxel_memory import VoxelMemory
+from irsd.instances.voxels import CLAIMS, Table, add_evidence, drop_key, enter_key, find_key, new_table, voxel_keys
+
+RULES = Rules(0.3, 0.8, 0.5, 0.25, 0.5, 0.5, 0.9, 0.0, 0.0, 0.95, 0.0)
+NOTHING = np.zeros((0, 3), np.float32)
 
 
-def keys_of(*numbers: int) -> np.ndarray:
-    return np.array(numbers, np.int64)
+def centres(numbers: NDArray[np.int64] | list[int]) -> NDArray[np.float32]:
+    """One point in each of some voxels of 1 m, by number."""
+    n = np.asarray(numbers, np.int64)
+    return np.stack([n % 7, n // 7 % 7, n // 49], -1).astype(np.float32) + np.float32(0.5)
 
 
-def test_empty_index() -> None:
-    index = VoxelIndex(4)
-    assert index.find(keys_of()).tolist() == []
-    assert index.find(keys_of(3, -1)).tolist() == [-1, -1]
-    assert index.insert(keys_of()).tolist() == []
-    assert len(index) == 0
-    none = np.zeros(0, np.int64)
-    shared = shared_voxels(index, none, none, 0, none, 0.25)
-    assert choose(shared, np.zeros((0, 0)), np.ones((0, 0), bool), 0.3, 0.8, 0.5).tolist() == []
-    shared = shared_voxels(index, np.zeros(2, np.int64), np.full(2, -1), 1, none, 0.25)
-    assert choose(shared, np.zeros((1, 0)), np.ones((1, 0), bool), 0.3, 0.8, 0.5).tolist() == [0]
+def joined(lists: list[list[int]]) -> list[int]:
+    return [v for one in lists for v in one]
+
+
+def write(
+    memory: VoxelMemory, masks: list[list[int]], slots: list[int], view: int, seen: list[int] | None = None
+) -> None:
+    """One picture straight into the voxels."""
+    offset = np.cumsum([0, *map(len, masks)]).astype(np.int64)
+    rows, starts = memory.gather(centres(joined(masks)), offset, view)
+    shown = memory.sight(rows, centres(seen or []), view)
+    in_view = np.zeros(64, np.bool_)
+    in_view[slots] = True
+    observations = np.full(64, view, np.int32)
+    add_evidence(
+        memory.cells, memory.counts, rows, starts, np.array(slots, np.int32), shown, in_view, observations, 1.0
+    )
 
 
 def test_voxel_keys_are_the_cells() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(-50, 50, (2000, 3)).astype(np.float32)
-    keys = voxel_keys(points, 0.04)
-    cells = [tuple(np.floor(p.astype(np.float64) / 0.04).astype(int)) for p in points]
+    keys = voxel_keys(points, 25.0)
+    cells = [tuple(np.floor(p.astype(np.float64) * 25.0).astype(int)) for p in points]
     assert len(set(keys.tolist())) == len(set(cells))
     assert len({(k, c) for k, c in zip(keys.tolist(), cells, strict=True)}) == len(set(cells))
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_index_equals_a_dictionary_while_it_grows(seed: int) -> None:
+def test_table_equals_a_dictionary_while_keys_come_and_go(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    index, expected = VoxelIndex(4), {}
-    for _ in range(30):
-        keys = np.unique(rng.integers(0, 4000, 150))
-        rng.shuffle(keys)
-        rows = index.insert(keys)
-        for key, row in zip(keys.tolist(), rows.tolist(), strict=True):
-            assert expected.setdefault(key, len(expected)) == row
-        asked = rng.integers(-10, 4010, 300)
-        assert index.find(asked).tolist() == [expected.get(k, -1) for k in asked.tolist()]
-    assert len(index) == len(expected)
+    table: Table = new_table(10)
+    truth: dict[int, int] = {}
+    pool = voxel_keys(centres(np.arange(700)), 1.0)
+    for _ in range(2500):
+        key = int(rng.choice(pool))
+        if key in truth and rng.random() < 0.6:
+            drop_key(table, key)
+            del truth[key]
+        elif key not in truth and len(truth) < 500:
+            truth[key] = int(rng.integers(1000))
+            enter_key(table.key, table.row, key, truth[key])
+    assert [find_key(table.key, table.row, key) for key in pool.tolist()] == [truth.get(k, -1) for k in pool.tolist()]
 
 
-def test_colliding_keys_are_kept_apart() -> None:
-    index = VoxelIndex(64)
-    keys = np.arange(60, dtype=np.int64) << 40  # equal in all low bits
-    assert index.insert(keys).tolist() == list(range(60))
-    assert index.find(keys).tolist() == list(range(60))
+def test_memory_grows_and_reuses_rows() -> None:
+    memory = VoxelMemory(1.0, 4)
+    assert memory.find(np.zeros(0, np.int64)).tolist() == []
+    keys = voxel_keys(centres(np.arange(300)), 1.0)
+    rows = memory.insert(keys)
+    assert sorted(rows.tolist()) == list(range(300))
+    assert memory.insert(keys).tolist() == rows.tolist()
+    memory.drop(rows[:100])
+    assert len(memory) == 200
+    assert memory.find(keys).tolist() == [-1] * 100 + rows[100:].tolist()
+    assert set(memory.insert(keys[:100]).tolist()) == set(rows[:100].tolist())
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_claims_and_owners_equal_brute_force(seed: int) -> None:
+def test_evidence_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    index, truth = VoxelIndex(8), [{} for _ in range(40)]
-    index.insert(np.arange(40))
-    for _ in range(60):
-        pairs = {(int(r), int(i)) for r, i in zip(rng.integers(0, 40, 25), rng.integers(1, SLOTS + 1, 25), strict=True)}
-        rows, ids = np.array(sorted(pairs)).T
-        index.claim(rows, ids, np.full(len(rows), 2.0, np.float32))
-        for row, instance in sorted(pairs):
-            hits, seen = truth[row].get(instance, (0, 2))
-            truth[row][instance] = (hits + 1, seen + 1)
-    expected = []
-    for claims in truth:
-        weights = {i: h * h / (s + 1) for i, (h, s) in claims.items() if h / (s + 1) >= 0.3}
-        expected.append(min(weights, key=lambda i: (-weights[i], i)) if weights else 0)
-    assert index.owners(np.arange(40), 0.3).tolist() == expected
-    index.release(np.arange(40), 1)
-    assert not (index.owner == 1).any()
+    memory = VoxelMemory(1.0, 8)
+    truth: dict[int, dict[int, list[int]]] = {v: {} for v in range(60)}
+    views = dict.fromkeys(range(60), 0)
+    for view in range(1, 40):
+        masks = [rng.choice(60, 15, replace=False).tolist() for _ in range(3)]
+        slots = rng.integers(0, CLAIMS, 3).tolist()
+        seen = rng.choice(60, 20, replace=False).tolist()
+        known = {v for v in range(60) if views[v]}
+        write(memory, masks, slots, view, seen)
+        for v in set(joined(masks)) | (set(seen) & known):
+            views[v] += 1
+            for slot in set(slots) & truth[v].keys():
+                truth[v][slot][1] += 1
+        for slot in set(slots):
+            for v in set(joined([m for m, s in zip(masks, slots, strict=True) if s == slot])):
+                claim = truth[v].get(slot)
+                if claim is None:
+                    truth[v][slot] = [1, 1 + min(views[v], view) - 1]
+                else:
+                    claim[0] += 1
+    rows = memory.find(voxel_keys(centres(np.arange(60)), 1.0))
+    for v, row in enumerate(rows.tolist()):
+        cells = memory.cells
+        got = {
+            int(o): [int(h), int(s)]
+            for o, h, s in zip(cells.owner[row], cells.hits[row], cells.seen[row], strict=True)
+            if row >= 0 and o >= 0
+        }
+        assert got == truth[v]
 
 
 def test_a_full_voxel_forgets_its_weakest_claim() -> None:
-    index = VoxelIndex(4)
-    row = index.insert(keys_of(7))
-    for instance in range(1, SLOTS + 1):
-        for _ in range(1 if instance == 2 else 3):
-            index.claim(row, keys_of(instance), np.zeros(1, np.float32))
-    index.claim(row, keys_of(9), np.zeros(1, np.float32))
-    assert sorted(index.owner[0].tolist()) == sorted({*range(1, SLOTS + 1), 9} - {2})
+    memory = VoxelMemory(1.0)
+    view = 0
+    for slot in range(CLAIMS):
+        for _ in range(1 if slot == 2 else 3):
+            view += 1
+            write(memory, [[7]], [slot], view)
+    write(memory, [[7]], [9], view + 1)
+    row = memory.find(voxel_keys(centres([7]), 1.0))[0]
+    assert sorted(memory.cells.owner[row].tolist()) == sorted({*range(CLAIMS), 9} - {2})
 
 
-def test_two_new_claims_on_one_voxel_in_one_picture() -> None:
-    index = VoxelIndex(4)
-    rows = np.repeat(index.insert(keys_of(1, 2)), 2)
-    index.claim(rows, keys_of(5, 6, 5, 6), np.zeros(4, np.float32))
-    assert np.sort(index.owner[:2], axis=1)[:, -2:].tolist() == [[5, 6], [5, 6]]
+def test_long_runs_of_evidence_do_not_overflow() -> None:
+    memory = VoxelMemory(1.0)
+    write(memory, [[7]], [0], 1)
+    row = memory.find(voxel_keys(centres([7]), 1.0))[0]
+    memory.cells.hits[row, 0] = memory.cells.seen[row, 0] = 60_000
+    write(memory, [[7]], [0], 2)
+    assert (memory.cells.hits[row, 0], memory.cells.seen[row, 0]) == (30_001, 30_001)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_shared_voxels_equal_sets(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    instances = {i: set(rng.choice(300, 60, replace=False).tolist()) for i in (2, 5, 11)}
-    index = VoxelIndex(16)
-    for i, voxels in instances.items():
-        rows = index.insert(np.array(sorted(voxels)))
-        index.claim(rows, np.full(len(rows), i), np.zeros(len(rows), np.float32))
-    masks = [set(rng.choice(400, n, replace=False).tolist()) for n in (50, 5, 120)]
-    seen = set.union(*masks) | set(rng.choice(300, 100, replace=False).tolist())
-    mask = np.concatenate([np.full(len(m), k) for k, m in enumerate(masks)])
-    rows = index.find(np.concatenate([np.array(sorted(m)) for m in masks]))
-    seen_rows = index.find(np.array(sorted(seen)))
-    got = shared_voxels(index, mask, rows, len(masks), np.sort(seen_rows[seen_rows >= 0]), 0.25)
-    met = [i for i in instances if any(m & instances[i] for m in masks)]
-    assert got.ids.tolist() == met
-    assert got.mask_voxels.tolist() == [len(m) for m in masks]
-    for c, i in enumerate(met):
-        visible = instances[i] & seen
-        assert got.visible[c] == len(visible)
-        for k, m in enumerate(masks):
-            both = len(m & instances[i])
-            assert got.voxels[k, c] == both
-            assert got.overlap()[k, c] == pytest.approx(both / max(1, min(len(m), len(visible))))
-            assert got.union()[k, c] == pytest.approx(both / max(1, len(m | visible)))
+def known(
+    memory: VoxelMemory, voxels: list[int], slot: int, cosine: float, room: int = 0, things: Things | None = None
+) -> Things:
+    """An instance of some voxels, seen ten times, whose meaning has a cosine to (1, 0)."""
+    things = new_things(64, 2) if things is None else things
+    for view in range(10):
+        write(memory, [voxels], [slot], 100 * slot + view + 1)
+    things.id[slot], things.observations[slot], things.size[slot], things.room[slot] = slot + 1, 10, len(voxels), room
+    things.mean[slot], things.length[slot], things.dim[slot] = (cosine, np.sqrt(1 - cosine**2)), 1.0, 2
+    return things
+
+
+def ask(memory: VoxelMemory, things: Things, masks: list[list[int]], seen: list[int], room: int = 0) -> list[int]:
+    offset, view = np.cumsum([0, *map(len, masks)]).astype(np.int64), 5000 + int(memory.counts[2])
+    rows, starts = memory.gather(centres(joined(masks)), offset, view)
+    shown = memory.sight(rows, centres(seen), view)
+    meanings = np.tile(np.array([[1.0, 0.0]], np.float32), (len(masks), 1))
+    rooms = np.full((len(masks), 4), room, np.int32)
+    found = match(memory.cells, things, rows, starts, shown, meanings, np.full(len(masks), 2, np.int32), rooms, RULES)
+    return found.slots.tolist()
 
 
 @pytest.mark.parametrize(
-    ("shared", "mask", "visible", "cosine", "allowed", "chosen"),
+    ("shared", "mask", "visible", "cosine", "same_room", "chosen"),
     [
         (30, 100, 100, 0.9, True, 4),  # both criteria met, exactly at tau_g
-        (29, 100, 100, 0.9, True, 0),  # too little overlap
-        (30, 100, 100, 0.79, True, 0),  # too different a meaning
-        (20, 20, 400, 0.2, True, 0),  # a book on a desk: inside it, but another thing
-        (20, 20, 400, 0.9, True, 4),  # a part of the thing itself
+        (29, 100, 100, 0.9, True, -1),  # too little overlap
+        (30, 100, 100, 0.79, True, -1),  # too different a meaning
+        (20, 20, 140, 0.2, True, -1),  # a book on a desk: inside it, but another thing
+        (20, 20, 140, 0.9, True, 4),  # a part of the thing itself
         (80, 100, 100, 0.1, True, 4),  # the same voxels under another name
-        (80, 100, 100, 0.9, False, 0),  # another room
+        (80, 100, 100, 0.9, False, -1),  # another room
     ],
 )
-def test_criteria(shared: int, mask: int, visible: int, cosine: float, allowed: bool, chosen: int) -> None:
-    one = Shared(keys_of(4), np.array([[float(shared)]]), np.array([float(mask)]), np.array([float(visible)]))
-    assert choose(one, np.array([[cosine]]), np.array([[allowed]]), 0.3, 0.8, 0.5).tolist() == [chosen]
+def test_criteria(shared: int, mask: int, visible: int, cosine: float, same_room: bool, chosen: int) -> None:
+    memory = VoxelMemory(1.0)
+    voxels = list(range(visible))
+    things = known(memory, voxels, 4, cosine, 1)
+    start = visible - shared
+    assert ask(memory, things, [list(range(start, start + mask))], voxels, 1 if same_room else 2) == [chosen]
+    assert (things.column == -1).all()
 
 
 def test_the_better_of_two_and_the_older_of_equals() -> None:
-    shared = Shared(
-        keys_of(3, 8), np.array([[40.0, 60.0], [50.0, 50.0]]), np.array([100.0, 100.0]), np.array([100.0, 100.0])
-    )
-    both = np.ones((2, 2), bool)
-    assert choose(shared, np.full((2, 2), 0.9), both, 0.3, 0.8, 0.9).tolist() == [8, 3]
+    memory = VoxelMemory(1.0)
+    things = known(memory, list(range(100)), 3, 0.9)
+    known(memory, list(range(100, 200)), 8, 0.9, things=things)
+    seen = list(range(200))
+    assert ask(memory, things, [list(range(60, 160))], seen) == [8]
+    assert ask(memory, things, [list(range(50, 150))], seen) == [3]
+
+
+def test_nothing_to_match() -> None:
+    memory = VoxelMemory(1.0)
+    assert ask(memory, new_things(64, 2), [], []) == []
+    assert ask(memory, new_things(64, 2), [[1, 2]], []) == [-1]
+
+
+def test_several_masks_for_one_instance_part_where_that_is_the_rule() -> None:
+    things = new_things(4, 2)
+    things.id[0], things.mean[0], things.length[0], things.dim[0] = 1, (1, 0), 1, 2
+    shared, visible, sizes = np.array([[40], [60]]), np.array([100]), np.array([40, 60])
+    meanings = np.tile(np.array([[1.0, 0.0]], np.float32), (2, 1))
+    arguments = (np.zeros(1, np.int32), meanings, np.full(2, 2, np.int32), np.zeros((2, 4), np.int32), RULES)
+    assert choose(things, shared, visible, sizes, *arguments).tolist() == [0, 0]
+    things.parted[0], things.whole[0] = 20, 1
+    assert choose(things, shared, visible, sizes, *arguments).tolist() == [-1, 0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_settling_equals_brute_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    memory, things = VoxelMemory(1.0), new_things(64, 2)
+    for slot in range(3):
+        things.id[slot] = slot + 1
+    for view in range(1, 30):
+        masks = [rng.choice(np.arange(30 * s, 30 * s + 60), 25, replace=False).tolist() for s in range(3)]
+        write(memory, masks, [0, 1, 2], view, rng.choice(120, 40, replace=False).tolist())
+    limits = Limits(0.2, 0.4, 0.5, 2.0, False, 0.25, 0.25)
+    cells, everything = memory.cells, np.arange(len(memory), dtype=np.int32)
+
+    def claim(row: int, slot: int) -> tuple[float, float] | None:
+        at = np.flatnonzero(cells.owner[row] == slot)
+        return (float(cells.hits[row, at[0]]), float(cells.seen[row, at[0]])) if len(at) else None
+
+    for slot in range(3):
+        hits = np.array([c[0] for r in everything if (c := claim(r, slot))])
+        things.level[slot] = (hits**2).sum() / hits.sum()
+    for slot in range(3):
+        got = settle(cells, things, np.concatenate([everything, everything[::3]]), 0, slot, limits)
+        worths = {}
+        for row in everything.tolist():
+            for s in range(3):
+                c = claim(row, s)
+                enough = c and c[0] >= 0.2 * (c[1] + 1) and c[0] >= max(2.0, 0.5 + 0.4 * float(things.level[s]))
+                worths[row, s] = c[0] ** 2 / (c[1] + 1) if c and enough else 0.0
+        owned = [
+            r
+            for r in everything.tolist()
+            if worths[r, slot] > 0 and max((worths[r, s], -s) for s in range(3))[1] == -slot
+        ]
+        assert got.owned.tolist() == owned
+        assert got.typical == pytest.approx(float(things.level[slot]))
+        assert got.rows.tolist() == [r for r in everything.tolist() if claim(r, slot)]
+        assert got.good == sum(worths[r, slot] > 0 for r in everything.tolist())
+
+
+def test_dot_and_rooms() -> None:
+    rng = np.random.default_rng(3)
+    for n in (0, 1, 7, 8, 21, 512):
+        a, b = rng.normal(size=(2, n)).astype(np.float32)
+        assert dot(a, b, n) == pytest.approx(float(a.astype(np.float64) @ b), abs=1e-3)
+    labels = np.repeat([[1, 2]], 2, 0).astype(np.int32)
+    points = np.array([[0.5, 0.5, 0]] * 36 + [[1.5, 0.5, 0]] * 4 + [[9, 9, 0]] * 8, np.float32)
+    offset = np.array([0, 40, 48], np.int64)
+    assert rooms_of_masks(labels, 0.0, 0.0, 1.0, points, offset, 0.1).tolist() == [[1, 2, 0, 0], [0, 0, 0, 0]]
+    assert rooms_of_masks(labels, 0.0, 0.0, 1.0, points, offset, 0.2).tolist() == [[1, 0, 0, 0], [0, 0, 0, 0]]
+
+
+def test_no_points_no_parts() -> None:
+    assert connected_parts(NOTHING, 0.1).tolist() == []

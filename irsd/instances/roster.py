@@ -1,0 +1,76 @@
+"""Who the instances are: ids, slots and numbers. Slots are reused, ids never."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.instances.associate import Things, new_things
+from irsd.instances.record import Instance
+from irsd.instances.voxels import Floats
+
+
+class Roster:
+    """Owner of the instances' records and of their numbers by slot."""
+
+    def __init__(self) -> None:
+        self.things = new_things(64, 1)
+        self.by_id: dict[int, Instance] = {}
+        self.by_slot: dict[int, Instance] = {}
+        self.next_id = 1
+        self._free: list[int] = list(range(63, -1, -1))
+
+    def __len__(self) -> int:
+        return len(self.by_id)
+
+    def create(self, stamp_ns: int, room: int, instance_id: int | None = None) -> Instance:
+        """A new instance in a free slot, all its numbers zero."""
+        if not self._free:
+            self._grow(2 * len(self.things.id), self.things.mean.shape[1])
+        slot = self._free.pop()
+        number = self.next_id if instance_id is None else instance_id
+        self.next_id = max(self.next_id, number + 1)
+        for array in self.things:
+            array[slot] = 0
+        self.things.column[slot] = -1
+        self.things.id[slot], self.things.room[slot] = number, room
+        self.by_id[number] = self.by_slot[slot] = instance = Instance(number, slot, stamp_ns)
+        return instance
+
+    def remove(self, instance: Instance) -> None:
+        """Forget an instance; its claims must have been released before."""
+        del self.by_id[instance.id], self.by_slot[instance.slot]
+        self.things.id[instance.slot] = 0
+        self._free.append(instance.slot)
+
+    def meanings(self, vectors: list[Floats]) -> tuple[Floats, NDArray[np.int32]]:
+        """Unit vectors of a picture as (float32 [m, D], lengths int32 [m]); D is the longest ever given."""
+        dims = np.array([len(v) for v in vectors], np.int32)
+        if dims.max(initial=0) > self.things.mean.shape[1]:
+            self._grow(len(self.things.id), int(dims.max()))
+        width = self.things.mean.shape[1]
+        if vectors and (dims == width).all():
+            return np.stack(vectors).astype(np.float32, copy=False), dims
+        out = np.zeros((len(vectors), width), np.float32)
+        for k, vector in enumerate(vectors):
+            out[k, : len(vector)] = vector
+        return out, dims
+
+    def direction(self, slot: int) -> Floats | None:
+        """Unit vector float32 [D] of the mean meaning; None where there is none."""
+        dim, length = int(self.things.dim[slot]), float(self.things.length[slot])
+        return None if dim == 0 or length < 1e-9 else self.things.mean[slot, :dim] / np.float32(length)
+
+    def existence(self, slot: int) -> float:
+        """Share of the pictures that should have seen it and did."""
+        return min(1.0, float(self.things.observations[slot]) / max(float(self.things.expected[slot]), 1.0))
+
+    def _grow(self, capacity: int, dim: int) -> None:
+        old, self.things = self.things, new_things(capacity, dim)
+        count = len(old.id)
+        for name in Things._fields:
+            if name == "mean":
+                self.things.mean[:count, : old.mean.shape[1]] = old.mean
+            else:
+                getattr(self.things, name)[:count] = getattr(old, name)
+        self._free = list(range(capacity - 1, count - 1, -1)) + self._free

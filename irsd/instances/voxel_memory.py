@@ -1,0 +1,89 @@
+"""The owner of the voxel arrays: grows them, frees rows, and calls the kernels on them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irsd.instances.voxels import (
+    EMPTY,
+    NOBODY,
+    Cells,
+    Floats,
+    Ints,
+    Rows,
+    drop_key,
+    find_key,
+    gather,
+    new_cells,
+    new_table,
+    refill,
+    sight,
+    take_row,
+)
+
+_LOAD = 2  # places of the table per row, at least
+
+
+class VoxelMemory:
+    """Voxel rows by key. Rows keep their number until they are freed."""
+
+    def __init__(self, voxel_m: float, capacity: int = 4096) -> None:
+        self.per_m = 1.0 / voxel_m
+        self.cells = new_cells(capacity)
+        self._table = new_table(_bits_for(capacity))
+        self._free = np.zeros(capacity, np.int32)
+        self.counts = np.zeros(3, np.int64)
+
+    def __len__(self) -> int:
+        return int(self.counts[0] - self.counts[1])
+
+    def gather(self, points: Floats, offset: Ints, view: int) -> tuple[Rows, Ints]:
+        """See ``voxels.gather``: the voxels of masks, new ones included."""
+        self._reserve(len(points))
+        return gather(self._table, self.cells, self.counts, self._free, points, offset, self.per_m, view)
+
+    def sight(self, rows: Rows, points: Floats, view: int) -> Rows:
+        """See ``voxels.sight``: all known voxels that a picture shows."""
+        return sight(self._table, self.cells, rows, points, self.per_m, view)
+
+    def find(self, keys: Ints) -> Rows:
+        """Rows [N] of keys [N], -1 where a voxel has none."""
+        return np.array([find_key(self._table.key, self._table.row, key) for key in keys], np.int32)
+
+    def insert(self, keys: Ints) -> Rows:
+        """Rows [N] of unique keys [N]; those without one get one."""
+        self._reserve(len(keys))
+        rows = self.find(keys)
+        cells, table = self.cells, self._table
+        for k in np.flatnonzero(rows < 0).tolist():
+            rows[k] = take_row(
+                table.key, table.row, cells.key, cells.owner, cells.mass, cells.views, self.counts, self._free, keys[k]
+            )
+        return rows
+
+    def drop(self, rows: Rows) -> None:
+        """Free rows: their keys are forgotten, their claims with them."""
+        for row in rows.tolist():
+            drop_key(self._table, self.cells.key[row])
+            self._free[self.counts[1]] = row
+            self.counts[1] += 1
+        self.cells.key[rows] = EMPTY
+        self.cells.owner[rows] = NOBODY
+        self.cells.frame[rows] = self.cells.stamp[rows] = 0
+
+    def _reserve(self, more: int) -> None:
+        rows = int(self.counts[0]) + more  # as if nothing could be reused: no more than one growth too early
+        if rows > len(self.cells.key):
+            size = max(rows, 2 * len(self.cells.key))
+            old, self.cells = self.cells, new_cells(size)
+            for name in Cells._fields:
+                getattr(self.cells, name)[: len(getattr(old, name))] = getattr(old, name)
+            free, self._free = self._free, np.zeros(size, np.int32)
+            self._free[: len(free)] = free
+        if _LOAD * rows > len(self._table.key):
+            self._table = new_table(_bits_for(rows))
+            refill(self._table, self.cells)
+
+
+def _bits_for(rows: int) -> int:
+    return max(int(np.ceil(np.log2(1.5 * _LOAD * rows))), 8)

@@ -1,0 +1,33 @@
+"""Compile (or load from the cache) every kernel of fusion before the first picture has to wait for one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.grid import GridFrame
+from irsd.core.types import CameraModel, CameraView, Rooms
+from irsd.instances.lift import LiftedMask, LiftedView
+from irsd.instances.memory import FusionSettings, InstanceMemory
+
+
+def _embed(names: Sequence[str]) -> NDArray[np.float32]:
+    return np.eye(len(names), 8, dtype=np.float32)
+
+
+def warm_up() -> None:
+    """Fuse a few tiny pictures: two things of two masks that become one, rooms, collecting, forgetting and restoring."""
+    memory = InstanceMemory(FusionSettings(forget_views=10), _embed)
+    axis = np.arange(0.02, 0.4, 0.04)
+    cube = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3).astype(np.float32)
+    halves = (cube[: len(cube) // 2], cube[len(cube) // 2 :])
+    rooms = Rooms(GridFrame((-1.0, -1.0), 0.1, 20, 20), np.ones((20, 20), np.int32), (1,), (), (), ())
+    camera = CameraModel("", 4, 4, np.eye(3), "plumb_bob", np.zeros(0))
+    clouds = [halves] * 3 + [(cube,)] * 4 + [(cube + np.float32(3.0),)] + [()] * 12
+    for stamp_ns, masks in enumerate(clouds):
+        lifted = tuple(LiftedMask(k, points, (("thing", 1.0),), 1.0, None, False) for k, points in enumerate(masks))
+        memory.observe(CameraView(stamp_ns, np.eye(4), camera, None, None), LiftedView(stamp_ns, lifted, cube), rooms)
+        memory.collect(stamp_ns)
+    InstanceMemory(FusionSettings(), _embed).restore(memory.states())
