@@ -6,8 +6,9 @@
 A drive goes through the product's own path, one synchronised frame per scan: ``Mapper`` and then ``RoomStage``, nothing
 is known of what comes later. Its rooms after 25 / 50 / 75 / 100 % of the scans are what stood in the stage at that scan.
 
-Id changes are counted against the truth: the id that holds most of a true room's floor (of the rooms entered so far, and at least a
-quarter of its floor) is its id, and every time that id becomes another one counts. The figure is changes / true rooms per 100 scans, in per cent.
+Id changes are counted against the truth: the id that holds most of a true room's floor (of the rooms entered so far,
+and at least a quarter of its floor) is its id, and every time that id becomes another one counts. The figure is
+changes / true rooms per 100 scans, in per cent.
 """
 
 from __future__ import annotations

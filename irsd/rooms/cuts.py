@@ -24,7 +24,7 @@ _RAYS = 96
 _MIN_TURN_RAD = np.radians(25.0)  # a boundary that turns less is a curved wall or noise, not a jamb
 _TAUT = 0.77  # a cut that leaves a wall at less than 50 degrees is not the way across
 _STRAIGHT = np.cos(np.radians(10.0))  # directions that differ less are those of one wall
-_WALL_CELLS = 6.0  # a straight piece of outline of fewer cells has no direction worth extending
+_WALL_CELLS = 4.0  # a straight piece of outline of fewer cells has no direction worth extending
 _LINTEL_SHARE = 0.7  # part of a cut that must lie under a lintel
 # What speaks for a cut besides being narrow: it closes a gap in one wall's line, or a lintel runs along it.
 _IN_WALL_LINE = 0.85

@@ -108,7 +108,7 @@ class _PieceGraph:
         key = (min(a, b), max(a, b))
         if key not in self._weak:
             rows = self._near[a][b]
-            opened = sum(self._width[row] for row in rows)
+            opened = self._opened(rows)
             narrow, wide = max(self._ratios(row) for row in self._widest_of_each_cut(rows))
             least = opened / max(min(self._disc[a], self._disc[b]), 1e-9)
             narrow, wide = min(narrow, least), min(wide, least)
@@ -116,6 +116,12 @@ class _PieceGraph:
                 narrow = min(narrow, self._settings.constriction)
             self._weak[key] = float(narrow), float(wide)
         return self._weak[key]
+
+    def _opened(self, rows: list[int]) -> float:
+        """Width of a border, in cells: what its cuts share with both regions, and all of a cut that is mostly between them."""
+        whole = [float(self._cuts.width[self._borders.cut[row]]) for row in rows]
+        mostly = [w for w, row in zip(whole, rows, strict=True) if 2 * self._borders.cells[row] >= w]
+        return max(float(sum(self._width[row] for row in rows)), max(mostly, default=0.0))
 
     def _mouth(self, a: int, b: int, opened: float, wide: float) -> bool:
         """Whether a border is the mouth of a passage into a hall: all sides of the one are as wide as the border, and the other is

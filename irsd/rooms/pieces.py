@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import cv2
@@ -21,8 +22,8 @@ def choose_cuts(
     settings: SegmentSettings,
     resolution_m: float,
     before: NDArray[np.float64],
-) -> Cuts:
-    """The cuts that are tried, none crossing another: doors first, then clear doorways of any width, then what is left.
+) -> Generator[None, None, Cuts]:
+    """The cuts that are tried, a round in each step, none crossing another: doors first, then clear doorways of any width, then what is left.
 
     Each round sees the cuts of those before as walls: an open door beside a cut does not make the space behind it wide.
 
@@ -44,6 +45,7 @@ def choose_cuts(
         tried = (found.ratio <= limit) & (found.width * resolution_m <= widest_m)
         rounds.append(cutting.without_crossings(found.take(tried), reach.jamb))
         closed = closed & ~cutting.drawn(rounds[-1], closed.shape)
+        yield
     return cutting.joined(rounds)
 
 

@@ -95,11 +95,12 @@ def label_plan(frame: GridFrame, plan: Plan, settings: SegmentSettings, before: 
         return np.zeros((frame.height, frame.width), np.int32), ()
     space = open_space(plan.free & ~plan.wall, settings, resolution)
     solid = cv2.dilate(plan.wall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    chosen = choose_cuts(space, solid, plan.lintel, settings, resolution, _cells_of(before, frame))
     yield
+    chosen = yield from choose_cuts(space, solid, plan.lintel, settings, resolution, _cells_of(before, frame))
     dist = clearance(space)
     pieces, borders = cut_pieces(space, chosen)
     room_of = merge_pieces(pieces, borders, chosen, dist, settings, resolution)
+    yield
     # Closing walls rounded the corners of rooms off: what is free there belongs to the room beside.
     labels = filled(np.asarray(room_of[np.maximum(pieces, 0)]), space | (plan.free & plan.wall), _CORNER_M / resolution)
     labels = _supported(labels, solid, space, settings, resolution)

@@ -44,7 +44,7 @@ class SegmentSettings:
         0.4, "part of a room's rim that must stand on walls; less is the edge of what was seen", lo=0.0, hi=1.0
     )
     simplify_m: float = setting(
-        0.15, "outlines may deviate by this much before corners are looked for", lo=0.05, hi=0.5
+        0.10, "outlines may deviate by this much before corners are looked for", lo=0.05, hi=0.5
     )
     wall_reach_m: float = setting(0.15, "footprints grow by up to this much to reach the wall's face", lo=0.0, hi=0.5)
 
@@ -57,7 +57,7 @@ class RoomSettings:
         "ours", "ours, or irs: Algorithm 1 of the paper as published, one box per room", choices=("ours", "irs")
     )
     changed_share: float = setting(
-        0.01, "rooms are found anew when this part of the known plan has changed", lo=0.0, hi=1.0
+        0.015, "rooms are found anew when this part of the known plan has changed", lo=0.0, hi=1.0
     )
     look_every: int = setting(3, "the plan is looked at once in this many updates", lo=1, hi=1000)
     settle_after: int = setting(12, "a smaller change is taken in after this many updates", lo=1, hi=10_000)

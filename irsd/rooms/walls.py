@@ -187,7 +187,13 @@ def snapped(polygon_xy: FloatArray, walls: Walls, reach_m: float) -> FloatArray:
     found = fits[np.arange(len(best)), best] & (size >= reach_m)
     normal = np.where(found[:, None], walls.normal[best], inward)
     offset = np.where(found, walls.offset[best], (inward * middle).sum(1))
-    moved = _corners(polygon_xy, normal, offset, found, reach_m)
+    # A short edge between two walls that meet is a corner cut off by the cells: the walls' own corner takes its place.
+    n0, n1 = np.roll(normal, 1, axis=0), np.roll(normal, -1, axis=0)
+    meet = np.abs(n0[:, 0] * n1[:, 1] - n0[:, 1] * n1[:, 0]) > np.sin(np.radians(20.0))
+    kept = found | (size >= reach_m) | ~(np.roll(found, 1) & np.roll(found, -1) & meet)
+    if kept.sum() < 3:
+        return polygon_xy
+    moved = _corners(polygon_xy[kept], normal[kept], offset[kept], found[kept], reach_m)
     before_m2, after_m2 = polygon_area(polygon_xy), polygon_area(moved)
     return moved if abs(after_m2 - before_m2) <= 0.15 * before_m2 else polygon_xy
 
@@ -195,7 +201,8 @@ def snapped(polygon_xy: FloatArray, walls: Walls, reach_m: float) -> FloatArray:
 def _corners(
     polygon: FloatArray, normal: FloatArray, offset: FloatArray, found: NDArray[np.bool_], reach_m: float
 ) -> FloatArray:
-    """Where consecutive edges (lines normal . xy = offset) meet; a corner moves by at most twice ``reach_m``."""
+    """Where consecutive edges (lines normal . xy = offset) meet; a corner of two walls at right angles moves by at most
+    sqrt(2) ``reach_m``, and no other corner moves more: nearly parallel walls meet far away."""
     n0, n1 = np.roll(normal, 1, axis=0), normal
     o0, o1 = np.roll(offset, 1), offset
     f0, f1 = np.roll(found, 1), found
@@ -207,7 +214,7 @@ def _corners(
     to1 = polygon + n1 * (o1 - (polygon * n1).sum(1))[:, None]
     slid = np.where(f0[:, None] & f1[:, None], (to0 + to1) / 2, np.where(f0[:, None], to0, to1))
     moved = np.where((meets & (f0 | f1))[:, None], met, np.where((f0 | f1)[:, None], slid, polygon))
-    near = np.linalg.norm(moved - polygon, axis=1) <= 2 * reach_m
+    near = np.linalg.norm(moved - polygon, axis=1) <= np.sqrt(2.0) * reach_m
     return np.where(near[:, None], moved, polygon)
 
 
