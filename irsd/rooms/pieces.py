@@ -23,7 +23,8 @@ def choose_cuts(
     resolution_m: float,
     before: NDArray[np.float64],
 ) -> Generator[None, None, Cuts]:
-    """The cuts that are tried, a round in each step, none crossing another: doors first, then clear doorways of any width, then what is left.
+    """The cuts that are tried, a round in each step, none crossing another: doors first, then clear doorways of any
+    width, then what is left.
 
     Each round sees the cuts of those before as walls: an open door beside a cut does not make the space behind it wide.
 
