@@ -25,7 +25,7 @@ from irsd.io.keys import RobotKeys, subscriptions
 from irsd.io.session import Query, Sample, Session, open_session
 from irsd.perception.encoder import LabelEncoder
 from nav_bridge.answer import Answer, answer_document, answer_text
-from nav_bridge.config import BridgeSettings
+from nav_bridge.config import BridgeSettings, SinkSettings
 from nav_bridge.drive import Doubt, Drive
 from nav_bridge.mirror import GraphMirror
 from nav_bridge.monitor import Driving, Failed, Outcome, Reached
@@ -53,7 +53,7 @@ class Bridge:
         self._settings = settings
         self._keys = RobotKeys(settings.robot)
         self._planner = Planner(encoder, settings)
-        self._sinks: tuple[Sink, ...] = (ZenohSink(session, self._keys), RosSink(session, settings.sinks))
+        self._sinks = _sinks(session, self._keys, settings.sinks)
         self._source = Source(session, self._keys, settings.reply_timeout_s, settings.route)
         self._scout = Scout(self._source, settings.drive.review_s)
         self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
@@ -284,6 +284,15 @@ class Bridge:
         self._state_seq += 1
         document = drive.document(self._state_seq, state, progress, text, reason)
         self._session.put(self._keys.nav("state"), json.dumps(document).encode(), express=True)
+
+
+def _sinks(session: Session, keys: RobotKeys, settings: SinkSettings) -> tuple[Sink, ...]:
+    sinks: list[Sink] = [ZenohSink(session, keys), RosSink(session, settings)]
+    if settings.mavlink.url:
+        from nav_bridge.sinks.mavlink import MavlinkSink  # noqa: PLC0415  takes 0.2 s and 14 MB
+
+        sinks.append(MavlinkSink(settings.mavlink))
+    return tuple(sinks)
 
 
 def _progress(drive: Drive, outcome: Driving) -> str:

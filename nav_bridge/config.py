@@ -20,6 +20,7 @@ from nav_bridge.evidence import EvidenceSettings
 from nav_bridge.monitor import MonitorSettings
 from nav_bridge.resolve import ResolveSettings
 from nav_bridge.route import RouteSettings
+from nav_bridge.sinks.ned import MavlinkSettings
 
 SYSTEM_FILE = Path("/etc/irsd/nav_bridge.yaml")
 ENVIRONMENT = "NAV_BRIDGE_CONFIG"
@@ -34,6 +35,7 @@ class SinkSettings:
     form: str = setting("bridge", "how ROS hears us: zenoh-bridge-ros2dds or rmw_zenoh", choices=("bridge", "rmw"))
     namespace: str = setting("", "namespace of zenoh-bridge-ros2dds, if it has one")
     domain: int = setting(0, "ROS domain, for rmw", lo=0, hi=232)
+    mavlink: MavlinkSettings = field(default_factory=MavlinkSettings)
 
 
 @dataclass(frozen=True, slots=True)

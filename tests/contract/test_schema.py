@@ -66,10 +66,18 @@ def test_nodes_are_valid(node: codec.Node) -> None:
 
 
 VALID = {
-    "waypoints": {"schema": "irs/nav/waypoints/1", "seq": 1, "frame": "map", "goal_id": "g", "waypoints": [[0, 1, 2]], "valid_s": 0.9},
+    "waypoints": {
+        "schema": "irs/nav/waypoints/1",
+        "seq": 1,
+        "frame": "map",
+        "goal_id": "g",
+        "waypoints": [[0, 1, 2]],
+        "valid_s": 0.9,
+    },
     "nav_state": {
         **{"schema": "irs/nav/state/1", "seq": 1, "frame": "map", "goal_id": "g", "state": "reached"},
-        **{"distance_m": 0.43, "remaining_m": 0.0, "eta_s": None, "plans": 1, "reason": "", "text": "Reached: 0.43 m from I7 television"},
+        **{"distance_m": 0.43, "remaining_m": 0.0, "eta_s": None, "plans": 1},
+        **{"reason": "", "text": "Reached: 0.43 m from I7 television"},
     },
     "nav_answer": {
         "id": "q1",
