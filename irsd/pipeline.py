@@ -81,6 +81,9 @@ class MapPipeline:
             with _timed(ms, "fusion"):
                 self._memory.observe(view, lifted, self._rooms)
 
+        with _timed(ms, "fusion"):
+            self._memory.watch(frame.scan.origin_map, frame.scan.points_map, frame.stamp_ns)
+
         # 4. The graph, when its period is over.
         delta = None
         if frame.stamp_ns >= self._graph_due_ns:

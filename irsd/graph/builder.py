@@ -141,7 +141,7 @@ class GraphBuilder:
             point_count=len(state.points_map),
             observations=state.observations,
             existence=float(state.existence),
-            state="present",
+            state=state.state,
             first_seen_ns=state.first_seen_ns,
             last_seen_ns=state.last_seen_ns,
         )

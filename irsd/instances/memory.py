@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, Rooms
 from irsd.instances.associate import add_meanings, alike, match
+from irsd.instances.change import ChangeWatch
 from irsd.instances.lift import LiftedView
 from irsd.instances.record import Embed, Instance, Names
 from irsd.instances.room_prior import room_of, rooms_of_all
@@ -25,6 +28,7 @@ from irsd.instances.voxels import Floats, Ints, Rows, add_evidence, voxel_keys
 
 __all__ = ["FusionSettings", "InstanceMemory"]
 
+_RECENT = 5  # pictures within which a mask shows that a thing is there
 _CHECKED = 32  # unconfirmed instances looked at per collect
 
 
@@ -42,6 +46,9 @@ class InstanceMemory:
         self._waiting: deque[int] = deque()
         self._views = 0
         self._rooms: Rooms | None = None
+        self._watch = ChangeWatch(settings.change)
+        self._gone: dict[int, InstanceState] = {}  # not yet told of as gone
+        self._gone_ns: dict[int, int] = {}  # when; until it ends
         self._ended: list[int] = []
         self._merged: list[tuple[int, int]] = []
 
@@ -122,6 +129,20 @@ class InstanceMemory:
                 if not instance.published:
                     things.size[slot] += len(new)
 
+    def watch(self, origin_map: NDArray[np.float64], points_map: Floats, stamp_ns: int) -> None:
+        """One scan float32 [N, 3] taken from origin_map [3]: what its rays pass through, look by look, is no longer there."""
+        for instance_id in self._watch.look(origin_map, points_map, stamp_ns):
+            instance = self._roster.by_id[instance_id]
+            state = self._state(instance)
+            self._gone[instance_id] = replace(state, existence=0.0, state="gone", last_seen_ns=instance.last_seen_ns)
+            self._gone_ns[instance_id] = stamp_ns
+            self._drop(instance)
+
+    def _drop(self, instance: Instance) -> None:
+        """Take an instance out with all its claims."""
+        release(self._voxels.cells, np.concatenate(instance.rows), instance.slot)
+        self._leave(instance)
+
     # ------------------------------------------------------------------------------------------------ rooms
     def follow_rooms(self, rooms: Rooms | None) -> None:
         """When the rooms changed, every instance's room is found anew (not per picture: rooms change seldom)."""
@@ -153,6 +174,10 @@ class InstanceMemory:
             if instance_id in by_id:
                 self._publish(by_id[instance_id], changed)
         self._forget()
+        changed += [self._gone.pop(i) for i in sorted(self._gone)]
+        keep_ns = round(self.settings.change.keep_s * 1e9)
+        over = [i for i, at_ns in self._gone_ns.items() if stamp_ns >= at_ns + keep_ns]
+        self._ended += [i for i in over if self._gone_ns.pop(i) >= 0]
         ended, self._ended = tuple(sorted(self._ended)), []
         merges, self._merged = tuple(self._merged), []
         return InstanceUpdate(stamp_ns, tuple(changed), ended, merges)
@@ -243,6 +268,7 @@ class InstanceMemory:
 
     def _leave(self, gone: Instance) -> list[tuple[int, tuple[int, int]]]:
         """Take an instance out; returns what was noted about it and its neighbours."""
+        self._watch.forget(gone.id)
         for other_id in gone.beside:
             self._roster.by_id[other_id].beside.pop(gone.id)
         self._roster.remove(gone)
@@ -263,8 +289,11 @@ class InstanceMemory:
         if confirmed:
             instance.published = True
             changed.append(self._state(instance))
+            if len(changed[-1].points_map) and instance.last_view > self._views - _RECENT:
+                self._watch.place(instance.id, changed[-1].points_map)
         elif instance.published:
             instance.published = False
+            self._watch.forget(instance.id)
             self._ended.append(instance.id)
             self._waiting.append(instance.id)
 
@@ -278,8 +307,7 @@ class InstanceMemory:
             if instance.last_view >= limit:
                 self._waiting.append(instance.id)
                 continue
-            release(self._voxels.cells, np.concatenate(instance.rows), instance.slot)
-            self._leave(instance)
+            self._drop(instance)
 
     def _state(self, instance: Instance) -> InstanceState:
         points = self._voxels.cells.point[instance.owned]

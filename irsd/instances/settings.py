@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from irsd.core.settings import setting
 from irsd.instances.associate import Rules
+from irsd.instances.change import ChangeSettings
 from irsd.instances.settle import Limits
 
 
@@ -72,6 +73,7 @@ class FusionSettings:
     part_share: float = setting(0.1, "parts with a smaller share of the largest part are not published", lo=0.0, hi=1.0)
     forget_views: int = setting(400, "pictures after which an unconfirmed instance is forgotten", lo=10, hi=1_000_000)
     top_labels: int = setting(5, "labels given with an instance", lo=1, hi=100)
+    change: ChangeSettings = field(default_factory=ChangeSettings)
 
     @property
     def plain(self) -> bool:

@@ -27,7 +27,7 @@ _LOAD = 2  # places of the table per row, at least
 class VoxelMemory:
     """Voxel rows by key. Rows keep their number until they are freed."""
 
-    def __init__(self, voxel_m: float, capacity: int = 4096) -> None:
+    def __init__(self, voxel_m: float, capacity: int = 65_536) -> None:
         self.per_m = 1.0 / voxel_m
         self.cells = new_cells(capacity)
         self._table = new_table(_bits_for(capacity))
