@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
 from irsd.mapping.mapper import Mapper
 from irsd.perception.encoder import LabelEncoder
+from irsd.perception.structure_net import PointNetwork
 from irsd.rooms.stage import RoomStage
 from irsd.warm import warm_up
 
@@ -48,7 +50,8 @@ class MapPipeline:
     def __init__(self, settings: PipelineSettings, labels: LabelEncoder, *, map_id: str, frame: str = "map") -> None:
         warm_up()  # compiled kernels are loaded now, not in the first frame
         self._settings = settings
-        self._mapper = Mapper(settings.mapping)
+        path = settings.mapping.network.model
+        self._mapper = Mapper(settings.mapping, PointNetwork(Path(path)) if path else None)
         self._room_stage = RoomStage(settings.rooms)
         self._memory = InstanceMemory(settings.fusion, labels.encode)
         self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)

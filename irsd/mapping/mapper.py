@@ -13,6 +13,7 @@ from irsd.core.settings import setting
 from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
 from irsd.mapping import frustum, kernels
 from irsd.mapping.floors import Floors, FloorSettings
+from irsd.mapping.network import NetworkSettings, StructureModel, StructureVotes
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
 from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines
 from irsd.mapping.structure_kernels import in_wall_band, label_points
@@ -28,6 +29,7 @@ class MappingSettings:
     occupancy: OccupancySettings = field(default_factory=OccupancySettings)
     structure: StructureSettings = field(default_factory=StructureSettings)
     floors: FloorSettings = field(default_factory=FloorSettings)
+    network: NetworkSettings = field(default_factory=NetworkSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +44,10 @@ class _Storey:
 class Mapper:
     """Owner of the map. Only the map thread calls it; what it returns is not written again."""
 
-    def __init__(self, settings: MappingSettings) -> None:
+    def __init__(self, settings: MappingSettings, model: StructureModel | None = None) -> None:
+        """model: a network that votes on what voxels are part of, beside geometry."""
         self.settings = settings
+        self._votes = None if model is None else StructureVotes(settings.network, model)
         self.voxels = VoxelMap(settings.voxels)
         self.levels = Levels(settings.structure)
         self.floors = Floors(settings.floors)
@@ -79,7 +83,7 @@ class Mapper:
         measured = self._on_a_floor(float(base[2]))
         self.level_map.update(surface, normals, self.levels)
         self._learn_walls(surface, normals)
-        self._label(np.concatenate([rows, self._next_sweep()]), base)
+        self._label(np.concatenate([rows, self._next_sweep(), self._voted(base)]), base)
         changed = None
         if len(points) and measured:  # what is seen from the stairs has no height above a floor
             level = np.abs(self.voxels.normal[self.voxels.coarse[touched.row_of_point], 2])
@@ -130,8 +134,9 @@ class Mapper:
 
     def _label(self, rows: NDArray[np.int32], base: NDArray[np.float64]) -> None:
         coarse = self.voxels.coarse[rows]
-        self.voxels.structure[rows] = label_points(
-            self.voxels.mean.take(rows, 0),
+        points = self.voxels.mean.take(rows, 0)
+        labels = label_points(
+            points,
             self.voxels.surface.take(coarse, 0),
             self.voxels.normal.take(coarse, 0),
             self.level_map.tiles(self.levels),
@@ -139,6 +144,14 @@ class Mapper:
             base,
             self.settings.structure.limits,
         )
+        self.voxels.structure[rows] = labels if self._votes is None else self._votes.labels(rows, points, labels)
+
+    def _voted(self, base: NDArray[np.float64]) -> NDArray[np.int32]:
+        """The voxels that the network has just voted on, when there is one and it was due."""
+        if self._votes is None:
+            return np.zeros(0, np.int32)
+        end = self.voxels.row_count
+        return self._votes.look(self.voxels.mean[:end], self.voxels.hits[:end], base).astype(np.int32)
 
     # ------------------------------------------------------------------------------------------------ reading
     def plan_evidence(self) -> PlanEvidence:

@@ -1,0 +1,104 @@
+"""A network's opinion of what voxels are part of: a slot for a point network with the role that OneFormer3D has in the paper.
+
+Every few scans the points of the block of side N around the robot, cut out with a KD-tree, go through the network; its class per
+point is a vote of that voxel. Many votes outweigh one bad look, and where nothing was voted geometry decides alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from irsd.core.settings import setting
+from irsd.core.types import Structure
+
+_CLASSES = len(Structure)
+_MOVED_M = 0.1  # a row whose point is farther than this from where it was voted on is another voxel by now
+
+
+class StructureModel(Protocol):
+    """Points in, what each is part of out."""
+
+    def classify(self, points: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """``Structure`` values uint8 [N] of points float32 [N, 3], metres, relative to the robot, z up."""
+
+
+@dataclass(frozen=True)
+class NetworkSettings:
+    """When and on what the network runs."""
+
+    model: str = setting("", "path of an ONNX point network for structure labels; empty: geometry alone")
+    block_m: float = setting(8.0, "side N of the block of points around the robot", lo=1.0, hi=100.0)
+    every_scans: int = setting(10, "the network runs once in this many scans", lo=1, hi=10_000)
+    max_points: int = setting(50_000, "points per run; of more, every n-th is taken", lo=100, hi=10_000_000)
+    votes: int = setting(2, "votes from which a voxel's label is the network's", lo=1, hi=100)
+
+
+class StructureVotes:
+    """Votes per voxel row, uint8 [rows, classes]. The single writer."""
+
+    def __init__(self, settings: NetworkSettings, model: StructureModel) -> None:
+        self._settings, self._model = settings, model
+        self._votes = np.zeros((0, _CLASSES), np.uint8)
+        self._at = np.zeros((0, 3), np.float32)
+        self._scans = 0
+
+    def look(
+        self, mean: NDArray[np.float32], hits: NDArray[np.float32], base: NDArray[np.float64]
+    ) -> NDArray[np.int64]:
+        """One scan later: runs the network when it is due, and returns the rows [M] that were voted on.
+
+        mean: float32 [rows, 3], point of every voxel row; hits: float32 [rows], 0 where the row is not used; base: robot, [3].
+        """
+        self._scans += 1
+        if (self._scans - 1) % self._settings.every_scans:
+            return np.zeros(0, np.int64)
+        used = np.flatnonzero(hits > 0)
+        if not len(used):
+            return used
+        inside = cKDTree(mean[used]).query_ball_point(base, self._settings.block_m / 2, p=np.inf, return_sorted=True)
+        rows = used[np.asarray(inside, np.int64)]
+        rows = rows[:: max(-(-len(rows) // self._settings.max_points), 1)]
+        if not len(rows):
+            return rows
+        points = mean[rows]
+        classes = self._model.classify((points - base).astype(np.float32))
+        if classes.shape != (len(rows),) or classes.max(initial=0) >= _CLASSES:
+            raise ValueError(
+                f"the structure network gave {classes.shape} up to {classes.max(initial=0)} for {len(rows)} points"
+            )
+        self._reserve(len(mean))
+        self._forget_moved(rows, points)
+        self._at[rows] = points
+        votes = self._votes[rows, classes]
+        self._votes[rows, classes] = votes + (votes < 255)
+        return rows
+
+    def labels(
+        self, rows: NDArray[np.integer], points: NDArray[np.float32], geometry: NDArray[np.uint8]
+    ) -> NDArray[np.uint8]:
+        """Labels uint8 [M] of rows [M] at points [M, 3]: the class with most votes, geometry's where there are too few, and where it
+        is among the best."""
+        known = rows < len(self._votes)
+        out = geometry.copy()
+        self._forget_moved(rows[known], points[known])
+        votes = self._votes[rows[known]]
+        best = votes.max(1, initial=0)
+        agrees = votes[np.arange(len(votes)), geometry[known]] == best
+        out[known] = np.where((best >= self._settings.votes) & ~agrees, votes.argmax(1), geometry[known])
+        return out
+
+    def _reserve(self, rows: int) -> None:
+        more = rows - len(self._votes)
+        if more > 0:
+            self._votes = np.pad(self._votes, ((0, more), (0, 0)))
+            self._at = np.pad(self._at, ((0, more), (0, 0)), constant_values=np.nan)
+
+    def _forget_moved(self, rows: NDArray[np.integer], points: NDArray[np.float32]) -> None:
+        """Rows are used again for other voxels once theirs is forgotten."""
+        moved = ~(np.abs(self._at[rows] - points).max(1, initial=0.0) <= _MOVED_M)
+        self._votes[rows[moved]] = 0
