@@ -26,6 +26,7 @@ __all__ = ["PlanSource", "RoomSettings", "RoomStage"]
 
 _MAX_WALL_POINTS = 40_000  # more do not make a wall's line better
 _MAX_PATH = 4096
+_EAGER_PASSES, _WALLS_EVERY = 8, 4  # wall points are fetched after each of the first passes, then after every fourth
 
 
 class PlanSource(Protocol):
@@ -53,6 +54,7 @@ class RoomStage:
         self._running: Generator[None, None, Rooms] | None = None
         self._waited = 0
         self._walls_due = True
+        self._passes = 0
 
     def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
         """Continue with the rooms of an earlier run: found again, they keep their ids."""
@@ -130,7 +132,9 @@ class RoomStage:
             mine = [(i, f) for i, f in self._restored if f.floor == evidence.floor]
             floor.restore([i for i, _ in mine], [f for _, f in mine])
         path, self._path = self._path, self._path[-1:]
-        self._waited, self._walls_due = 0, True
+        self._waited, self._passes = 0, self._passes + 1
+        # A pass over the voxels is dear, and walls that were seen well once stay where they are.
+        self._walls_due = self._passes <= _EAGER_PASSES or self._passes % _WALLS_EVERY == 0
         rooms = yield from floor.updating(evidence, walls, np.array(path, np.float64).reshape(-1, 2))
         others = [self._floors[k].rooms for k in sorted(self._floors) if k != evidence.floor]
         self._rooms = _together(rooms, [o for o in others if o is not None])
