@@ -33,6 +33,7 @@ from nav_bridge.planner import Planner, World, XyYaw
 from nav_bridge.requests import Goto, Request, checked_goto, request_of
 from nav_bridge.scout import Scout
 from nav_bridge.sinks.base import Plan, Sink
+from nav_bridge.sinks.nav2 import Nav2Sink
 from nav_bridge.sinks.ros2 import RosSink
 from nav_bridge.sinks.zenoh import ZenohSink
 from nav_bridge.source import Source
@@ -288,6 +289,8 @@ class Bridge:
 
 def _sinks(session: Session, keys: RobotKeys, settings: SinkSettings) -> tuple[Sink, ...]:
     sinks: list[Sink] = [ZenohSink(session, keys), RosSink(session, settings)]
+    if settings.action != "none":
+        sinks.append(Nav2Sink(session, settings))
     if settings.mavlink.url:
         from nav_bridge.sinks.mavlink import MavlinkSink  # noqa: PLC0415  takes 0.2 s and 14 MB
 

@@ -32,6 +32,11 @@ class SinkSettings:
 
     goal_topic: str = setting("", "ROS topic for the goal as PoseStamped, such as /goal_pose; empty = none")
     path_topic: str = setting("", "ROS topic for the way as nav_msgs/Path; empty = none")
+    action: str = setting(
+        "none", "Nav2's action that drives the robot", choices=("none", "navigate_to_pose", "follow_path")
+    )
+    action_name: str = setting("", "name of the action, where it is not the usual one")
+    progress_checker: bool = setting(True, "follow_path has the field progress_checker_id: all of Nav2 but Humble's")
     form: str = setting("bridge", "how ROS hears us: zenoh-bridge-ros2dds or rmw_zenoh", choices=("bridge", "rmw"))
     namespace: str = setting("", "namespace of zenoh-bridge-ros2dds, if it has one")
     domain: int = setting(0, "ROS domain, for rmw", lo=0, hi=232)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from irsd.core.errors import DecodeError
@@ -32,13 +32,40 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 PATH = "nav_msgs/msg/Path"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 
+# The parts of ROS actions that a client speaks. A goal's fields stand in the request itself: in CDR that is the same.
+SEND_GOAL_POSE = "nav2_msgs/msg/NavigateToPose_SendGoal_Request"
+SEND_GOAL_PATH = "nav2_msgs/msg/FollowPath_SendGoal_Request"
+SEND_GOAL_PATH_HUMBLE = "nav2_msgs/msg/HumbleFollowPath_SendGoal_Request"
+SEND_GOAL_RESPONSE = "nav2_msgs/msg/SendGoal_Response"
+GET_RESULT_REQUEST = "nav2_msgs/msg/GetResult_Request"
+NAVIGATE_FEEDBACK = "nav2_msgs/msg/NavigateToPose_FeedbackMessage"
+CANCEL_REQUEST, CANCEL_RESPONSE = "action_msgs/msg/CancelGoal_Request", "action_msgs/msg/CancelGoal_Response"
+UUID, GOAL_INFO, TIME = "unique_identifier_msgs/msg/UUID", "action_msgs/msg/GoalInfo", "builtin_interfaces/msg/Time"
+_GOAL_ID = "unique_identifier_msgs/UUID goal_id\n"
+_ACTION_TYPES = {
+    SEND_GOAL_POSE: _GOAL_ID + "geometry_msgs/PoseStamped pose\nstring behavior_tree",
+    SEND_GOAL_PATH: _GOAL_ID
+    + "nav_msgs/Path path\nstring controller_id\nstring goal_checker_id\nstring progress_checker_id",
+    SEND_GOAL_PATH_HUMBLE: _GOAL_ID + "nav_msgs/Path path\nstring controller_id\nstring goal_checker_id",
+    SEND_GOAL_RESPONSE: "bool accepted\nbuiltin_interfaces/Time stamp",
+    GET_RESULT_REQUEST: _GOAL_ID.strip(),
+    NAVIGATE_FEEDBACK: _GOAL_ID
+    + "geometry_msgs/PoseStamped current_pose\nbuiltin_interfaces/Duration navigation_time\n"
+    + "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\nfloat32 distance_remaining",
+    CANCEL_REQUEST: "action_msgs/GoalInfo goal_info",
+    CANCEL_RESPONSE: "int8 return_code\naction_msgs/GoalInfo[] goals_canceling",
+}
+
 _MAX_STAMP_S = 2**31 - 1  # builtin_interfaces/msg/Time has int32 seconds
 
 
 @cache
 def _store() -> Typestore:
     """The message types of ROS 2 Humble; those used here are the same in every later release, hashes included."""
-    return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in _ACTION_TYPES.items():
+        store.register(get_types_from_msg(text, name))
+    return store
 
 
 # ------------------------------------------------------------------------------------------------------ any message
@@ -164,3 +191,41 @@ def encode_path(stamp_ns: int, frame_id: str, waypoints: Sequence[tuple[float, f
     """nav_msgs/msg/Path of (x, y, yaw) waypoints; no waypoints is a path too (it means stop)."""
     poses = [_pose_stamped(stamp_ns, frame_id, waypoint) for waypoint in waypoints]
     return write(make(PATH, header=make_header(stamp_ns, frame_id), poses=poses))
+
+
+def make_uuid(goal_id: bytes) -> Any:
+    """unique_identifier_msgs/msg/UUID of 16 bytes."""
+    return make(UUID, uuid=np.frombuffer(goal_id, np.uint8))
+
+
+def encode_goal_pose(goal_id: bytes, stamp_ns: int, frame_id: str, xy_yaw: tuple[float, float, float]) -> bytes:
+    """The request of NavigateToPose's send_goal: a pose on the floor, Nav2's own behaviour tree."""
+    pose = _pose_stamped(stamp_ns, frame_id, xy_yaw)
+    return write(make(SEND_GOAL_POSE, goal_id=make_uuid(goal_id), pose=pose, behavior_tree=""))
+
+
+def encode_goal_path(
+    goal_id: bytes, stamp_ns: int, frame_id: str, waypoints: Sequence[tuple[float, float, float]], checker: bool
+) -> bytes:
+    """The request of FollowPath's send_goal, Nav2's own controller and goal checker.
+
+    checker: with the field progress_checker_id, which Nav2 has since Iron.
+    """
+    poses = [_pose_stamped(stamp_ns, frame_id, waypoint) for waypoint in waypoints]
+    path = make(PATH, header=make_header(stamp_ns, frame_id), poses=poses)
+    kind = SEND_GOAL_PATH if checker else SEND_GOAL_PATH_HUMBLE
+    more = {"progress_checker_id": ""} if checker else {}
+    return write(make(kind, goal_id=make_uuid(goal_id), path=path, controller_id="", goal_checker_id="", **more))
+
+
+def encode_cancel(goal_id: bytes) -> bytes:
+    """The request of cancel_goal for one goal, whenever it was accepted."""
+    info = make(GOAL_INFO, goal_id=make_uuid(goal_id), stamp=make(TIME, sec=0, nanosec=0))
+    return write(make(CANCEL_REQUEST, goal_info=info))
+
+
+def decode_result_status(cdr: bytes) -> int:
+    """The status in a get_result response: 4 succeeded, 5 canceled, 6 aborted. What follows it differs between releases."""
+    if len(cdr) < 5:
+        raise DecodeError(f"get_result: {len(cdr)} bytes hold no status")
+    return cdr[4]

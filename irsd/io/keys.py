@@ -223,3 +223,24 @@ def ros_endpoint_token(  # one argument per part of the key
 def ros_gid(token: str) -> bytes:
     """A sender id for ``ros_attachment``: any 16 bytes that stay the same for one publisher; here a digest of its token."""
     return hashlib.blake2b(token.encode(), digest_size=_GID_BYTES).digest()
+
+
+def ros_service_token(
+    zid: str, node: str, entity: int, service: str, rmw_type_name: str, known: str, domain: int = 0
+) -> str:
+    """Liveliness key of a service server. rmw_type_name: as it stands in keys, ``nav2_msgs::action::dds_::..._SendGoal_``."""
+    name = service.strip("/").replace("/", "%")
+    return f"@ros2_lv/{domain}/{zid}/0/{entity}/SS/%/%/{node}/%{name}/{rmw_type_name}/{known}/::,:,:,:,,"
+
+
+def ros_service_tokens(domain: int = 0) -> str:
+    """All service servers of a domain (a key expression)."""
+    return f"@ros2_lv/{domain}/*/*/*/SS/**"
+
+
+def service_key_of(token: str, service: str) -> str | None:
+    """The key under which a service answers, from its server's token: type and hash are not guessed. None for another service."""
+    parts = token.split("/")
+    if len(parts) < 12 or parts[0] != "@ros2_lv" or parts[9] != "%" + service.strip("/").replace("/", "%"):
+        return None
+    return f"{parts[1]}/{service.strip('/')}/{parts[10]}/{parts[11]}"
