@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from irsd.core.geometry import Pose, invert, transform
 from irsd.core.settings import setting
 from irsd.core.types import CameraModel, CameraView, Detections, Structure
+from irsd.instances.settle import large_parts
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -29,10 +28,6 @@ Bools = NDArray[np.bool_]
 _NEAR_M = 0.15  # closer points are the robot itself
 _FAR = np.float32(1e9)  # depth of a cell in which nothing is drawn
 _MAX_SPLAT = 4  # half width in cells; larger only where a point is nearer than the robot's own size
-_KEY_SPAN = 1 << 21  # cells per axis that a packed key can hold
-_HALF_NEIGHBOURS = np.array(
-    [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) > (0, 0, 0)]
-)
 
 
 @dataclass(frozen=True)
@@ -238,26 +233,4 @@ def without_structure(structure: NDArray[np.uint8], flat_share: float) -> tuple[
 
 def main_parts(points: Floats, link_m: float, keep_share: float) -> Ints:
     """Indices of points [n, 3] in connected parts that hold at least keep_share of the largest part's points."""
-    if not len(points):
-        return np.zeros(0, np.int64)
-    part = connected_parts(points, link_m)
-    size = np.bincount(part)
-    return np.flatnonzero(size[part] >= keep_share * size.max())
-
-
-def connected_parts(points: Floats, link_m: float) -> Ints:
-    """Part number [n] of points [n, 3]: cells of edge link_m that touch (26 neighbours) belong together."""
-    cells = np.floor(np.asarray(points, np.float64) / link_m).astype(np.int64)
-    cells -= cells.min(0) - 1
-    packed, inverse = np.unique(_pack(cells), return_inverse=True)
-    steps = _pack(_HALF_NEIGHBOURS)
-    wanted = packed[:, None] + steps
-    at = np.minimum(np.searchsorted(packed, wanted), len(packed) - 1)
-    a, b = np.nonzero(packed[at] == wanted)
-    links = coo_matrix((np.ones(len(a), np.int8), (a, at[a, b])), (len(packed), len(packed)))
-    _, part = connected_components(links, directed=False)
-    return np.asarray(part[inverse.reshape(-1)], np.int64)
-
-
-def _pack(cells: Ints) -> Ints:
-    return np.asarray((cells[..., 0] * _KEY_SPAN + cells[..., 1]) * _KEY_SPAN + cells[..., 2])
+    return np.flatnonzero(large_parts(points, link_m, keep_share))

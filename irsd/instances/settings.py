@@ -44,7 +44,7 @@ class FusionSettings:
     )
     own_ratio: float = setting(0.2, "voxels with less relative evidence belong to nobody", lo=0.0, hi=1.0)
     own_level: float = setting(
-        0.4,
+        0.3,
         "where misses can't be seen: voxels with a smaller share of the typical hits belong to nobody",
         lo=0.0,
         hi=1.0,
@@ -97,5 +97,5 @@ class FusionSettings:
     def limits(self, blind: bool) -> Limits:
         """What settling needs. Where pictures tell all that they saw, misses are counted and typical hits are not needed."""
         if blind:
-            return Limits(self.own_ratio, self.own_level, 0.5, 2.0, self.plain, self.merge_ratio, self.merge_ratio)
+            return Limits(self.own_ratio, self.own_level, 1.5, 2.0, self.plain, self.merge_ratio, self.merge_ratio)
         return Limits(self.own_ratio, 0.0, 0.0, 1.0, self.plain, self.merge_ratio, 0.0)

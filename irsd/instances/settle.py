@@ -21,7 +21,7 @@ _MOST_OTHERS = 256  # neighbours of one instance that are looked at
 
 
 class Limits(NamedTuple):
-    """own: least share of the pictures that showed both; level, base: least hits = base + level * typical hits; floor: at least.
+    """own: least share of the pictures that showed both; level, base: see ``least_hits``; floor: hits that a voxel has at least.
 
     plain: every claim owns (the paper's rule). ratio: share of pictures, fair: share of typical hits, from which a claim counts for
     merging.
@@ -53,11 +53,17 @@ class Settled(NamedTuple):
 
 
 @kernel
+def least_hits(typical: float, limits: Limits) -> float:
+    """Hits that spill does not reach: a share of what is typical, more of it where all is still few."""
+    return limits.level * typical + min(limits.base, limits.level * typical)
+
+
+@kernel
 def worth(hits: float, seen: float, typical: float, limits: Limits) -> float:
     """Weight of a claim for owning its voxel: hits times their share; 0 when it has not enough evidence."""
     if limits.plain:
         return hits
-    if hits < limits.own * (seen + 1.0) or hits < max(limits.floor, limits.base + limits.level * typical):
+    if hits < limits.own * (seen + 1.0) or hits < max(limits.floor, least_hits(typical, limits)):
         return 0.0
     return hits * hits / (seen + 1.0)
 

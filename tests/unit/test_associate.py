@@ -212,12 +212,15 @@ def test_settling_equals_brute_force(seed: int) -> None:
     for view in range(1, 30):
         masks = [rng.choice(np.arange(30 * s, 30 * s + 60), 25, replace=False).tolist() for s in range(3)]
         write(memory, masks, [0, 1, 2], view, rng.choice(120, 40, replace=False).tolist())
-    limits = Limits(0.2, 0.4, 0.5, 2.0, False, 0.25, 0.25)
+    limits = Limits(0.2, 0.3, 1.5, 2.0, False, 0.25, 0.25)
     cells, everything = memory.cells, np.arange(len(memory), dtype=np.int32)
 
     def claim(row: int, slot: int) -> tuple[float, float] | None:
         at = np.flatnonzero(cells.owner[row] == slot)
         return (float(cells.hits[row, at[0]]), float(cells.seen[row, at[0]])) if len(at) else None
+
+    def least(share: float) -> float:
+        return share + min(1.5, share)
 
     for slot in range(3):
         hits = np.array([c[0] for r in everything if (c := claim(r, slot))])
@@ -228,7 +231,7 @@ def test_settling_equals_brute_force(seed: int) -> None:
         for row in everything.tolist():
             for s in range(3):
                 c = claim(row, s)
-                enough = c and c[0] >= 0.2 * (c[1] + 1) and c[0] >= max(2.0, 0.5 + 0.4 * float(things.level[s]))
+                enough = c and c[0] >= 0.2 * (c[1] + 1) and c[0] >= max(2.0, least(0.3 * float(things.level[s])))
                 worths[row, s] = c[0] ** 2 / (c[1] + 1) if c and enough else 0.0
         owned = [
             r

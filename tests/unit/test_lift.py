@@ -10,7 +10,6 @@ from irsd.core.geometry import make_pose
 from irsd.core.types import CameraModel, CameraView, Detections, Structure
 from irsd.instances.lift import (
     LiftSettings,
-    connected_parts,
     edge_distance,
     lift,
     main_parts,
@@ -18,6 +17,7 @@ from irsd.instances.lift import (
     unoccluded,
     without_structure,
 )
+from irsd.instances.settle import connected_parts
 
 CAMERA = CameraModel(
     "camera", 320, 240, np.array([[200.0, 0, 159.5], [0, 200.0, 119.5], [0, 0, 1]]), "plumb_bob", np.zeros(5)
