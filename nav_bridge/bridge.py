@@ -12,12 +12,13 @@ import logging
 import math
 import signal
 from dataclasses import replace
+from datetime import datetime
 from functools import partial
 from typing import Any
 
 from irsd.core.errors import DecodeError, IrsdError, TransportError
 from irsd.core.geometry import quat_xyzw_to_matrix
-from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns
+from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns, wall_clock_ns
 from irsd.graph.model import GraphSnapshot
 from irsd.io.cdr import decode_odometry
 from irsd.io.endpoints import with_environment
@@ -187,7 +188,7 @@ class Bridge:
         if graph is None:
             raise TransportError(f"no graph on {self._keys.snapshot}: is irsd running?")
         answer = self._planner.answer(
-            goto.query, World(graph, self._source.cost_map, self._source.points, robot), goto.within_m
+            goto.query, World(graph, self._source.cost_map, self._source.points, robot, _minute()), goto.within_m
         )
         if not drives:
             return answer_document(answer, graph)
@@ -231,7 +232,9 @@ class Bridge:
         settings, graph = self._settings, self._mirror.graph
         if graph is None or self._pose is None or now_ns - drive.planned_ns < settings.drive.replan_pause_s * 1e9:
             return
-        view = self._scout.view()
+        view = seen = self._scout.view()
+        if seen is not None and seen.costs is not None:
+            view = replace(seen, costs=self._planner.fenced(seen.costs, graph, _minute()))
         radius_m = settings.route.robot_radius_m
         doubt = drive.doubt(graph, view, self._pose[:2], settings.drive.off_way_m, radius_m)
         if doubt is None:
@@ -239,8 +242,8 @@ class Bridge:
         if doubt.cause == "new map" or drive.plans > settings.drive.max_replans:
             self._end("failed", f"{doubt.cause}: {doubt.text}", None, stop=True)
             return
-        costs = view.costs if view is not None and view.costs is not None else self._source.cost_map()
-        self._replan(drive, doubt, World(graph, lambda: costs, self._source.points, self._pose), now_ns)
+        costs = seen.costs if seen is not None and seen.costs is not None else self._source.cost_map()
+        self._replan(drive, doubt, World(graph, lambda: costs, self._source.points, self._pose, _minute()), now_ns)
 
     def _replan(self, drive: Drive, doubt: Doubt, world: World, now_ns: int) -> None:
         """A new plan for the goal; none: hold and try again until the patience ends. A target that vanished is looked for anew."""
@@ -296,6 +299,12 @@ def _sinks(session: Session, keys: RobotKeys, settings: SinkSettings) -> tuple[S
 
         sinks.append(MavlinkSink(settings.mavlink))
     return tuple(sinks)
+
+
+def _minute() -> int:
+    """Of the day, local time."""
+    now = datetime.fromtimestamp(wall_clock_ns() * 1e-9)
+    return 60 * now.hour + now.minute
 
 
 def _progress(drive: Drive, outcome: Driving) -> str:

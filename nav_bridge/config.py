@@ -17,6 +17,7 @@ from irsd.io.endpoints import ZenohSettings
 from nav_bridge.approach import ApproachSettings
 from nav_bridge.drive import DriveSettings
 from nav_bridge.evidence import EvidenceSettings
+from nav_bridge.geofence import GeofenceSettings, parse_rule
 from nav_bridge.monitor import MonitorSettings
 from nav_bridge.resolve import ResolveSettings
 from nav_bridge.route import RouteSettings
@@ -58,6 +59,7 @@ class BridgeSettings:
     route: RouteSettings = field(default_factory=RouteSettings)
     monitor: MonitorSettings = field(default_factory=MonitorSettings)
     drive: DriveSettings = field(default_factory=DriveSettings)
+    geofence: GeofenceSettings = field(default_factory=GeofenceSettings)
     sinks: SinkSettings = field(default_factory=SinkSettings)
 
 
@@ -85,6 +87,8 @@ def load_settings(path: Path | None) -> BridgeSettings:
     settings, problems = build(BridgeSettings, _mapping(path))
     if settings is None:
         raise ConfigError(f"{path}: " + "; ".join(problems))
+    for rule in settings.geofence.rules:
+        parse_rule(rule)
     return settings
 
 

@@ -15,6 +15,7 @@ from nav_bridge.answer import Answer
 from nav_bridge.approach import ApproachPose, Unreachable, find_approach
 from nav_bridge.config import BridgeSettings
 from nav_bridge.evidence import Knowledge
+from nav_bridge.geofence import Geofence
 from nav_bridge.language import GoalSpec, parse
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution
 from nav_bridge.resolve import resolve
@@ -33,12 +34,14 @@ class World:
     """What is known when a goal is planned. map_of: gives the map, None when none is known yet; asked only when it is needed.
 
     points_of: surface points [N, 3] of an instance id, map frame. robot: pose in the map frame.
+    minute: of the day, for rules with hours; None: those hold at any time.
     """
 
     graph: GraphSnapshot
     map_of: MapOf
     points_of: PointsOf
     robot: XyYaw
+    minute: int | None = None
 
 
 class Planner:
@@ -47,6 +50,11 @@ class Planner:
     def __init__(self, encoder: LabelEncoder, settings: BridgeSettings) -> None:
         self._knowledge = Knowledge(encoder, settings.evidence)
         self._settings = settings
+        self._fence = Geofence(settings.geofence, self._knowledge, settings.route.robot_radius_m)
+
+    def fenced(self, costs: CostMap, graph: GraphSnapshot, minute: int | None) -> CostMap:
+        """The map with what the geofence forbids at a minute of the day (None: at any) walled off."""
+        return self._fence.apply(costs, graph, minute) if self._fence else costs
 
     def cost_map(self, frame: GridFrame, occupancy: NDArray[np.int8]) -> CostMap:
         """The map as the route search needs it, from an occupancy grid [H, W] (-1, 0, 100)."""
@@ -95,7 +103,21 @@ class Planner:
         return tuple((room.id, room.label, self._knowledge.room_grade(spec.room, room)) for room in graph.rooms)
 
     def _to(self, blank: Answer, target: Candidate, world: World, costs: CostMap, within_m: float | None) -> Answer:
-        """The answer for one target: where to stand and how to get there."""
+        """The answer for one target: where to stand and how to get there, by the rules of the geofence."""
+        answer = self._free_to(blank, target, world, self.fenced(costs, world.graph, world.minute), within_m)
+        if answer.status == "resolved" or not self._fence:
+            return answer
+        free = self._free_to(blank, target, world, costs, within_m)
+        if free.route is None:
+            return answer
+        way = np.asarray([world.robot[:2], *(point[:2] for point in free.route.waypoints)])
+        rules = self._fence.broken(costs, world.graph, world.minute, way)
+        return replace(answer, reason=f"forbidden: {'; '.join(rules)}") if rules else answer
+
+    def _free_to(
+        self, blank: Answer, target: Candidate, world: World, costs: CostMap, within_m: float | None
+    ) -> Answer:
+        """The same on a map as it is handed in."""
         found, surface = self._place(target, world, costs, within_m)
         if isinstance(found, Unreachable):
             return replace(blank, reason=found.reason, best_m=found.best_m)
