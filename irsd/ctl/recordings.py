@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from irsd.config import IrsdConfig, load_config
-from irsd.core.errors import ConfigError
+from irsd.core.errors import ConfigError, DecodeError
 from irsd.core.runtime import monotonic_s, sleep_s
 from irsd.core.types import SyncedFrame
 from irsd.ctl.link import Target
@@ -84,10 +84,13 @@ def replay(files: Sequence[Path], out: Path, perception: str | None, config: Pat
             click.echo(f"{done_s:6.0f} s replayed, {len(graph.rooms)} rooms, {len(graph.instances)} things", err=True)
     snapshot = offline.finish().snapshot
     metrics = measured(offline, monotonic_s() - wall_s, time.process_time() - cpu_s)
-    write_outputs(out, snapshot, offline.pipeline.arrays(), offline.pipeline.navigation_grid(), metrics)
     if not offline.frames:
-        click.echo("no frame came of these recordings: " + json.dumps(metrics["drops"]), err=True)
-        return 1
+        lost = (
+            ", ".join(f"{name} {count}" for name, count in metrics["drops"].items() if count) or "nothing was dropped"
+        )
+        waiting = offline.sync.blocked_by() or "no sweep of the LiDAR came"
+        raise DecodeError(f"no frame came of these recordings: {waiting}; {lost}")
+    write_outputs(out, snapshot, offline.pipeline.arrays(), offline.pipeline.navigation_grid(), metrics)
     if as_json:
         click.echo(json.dumps(metrics))
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from irsd.sensors.replay import RecordingWriter, read_messages
 
 SAME_BYTES = (
     "graph.json",
@@ -97,3 +100,15 @@ def test_unknown_perception_is_refused(shared_data: Path, tmp_path: Path) -> Non
     run = irsctl("replay", str(recording), "--perception", "external:nowhere.mcap", "--out", str(tmp_path / "out"))
     assert run.returncode == 1
     assert "nowhere.mcap" in run.stderr
+
+
+def test_a_recording_without_a_lidar_is_refused_with_what_is_missing(shared_data: Path, tmp_path: Path) -> None:
+    source, cut = shared_data / "small_house" / "small_house_short.mcap", tmp_path / "cut.mcap"
+    with RecordingWriter(cut) as out:
+        for message in itertools.islice(read_messages([source], topics=["/odom", "/tf_static"]), 50):
+            out.write(message.topic, message.type_name, message.data, message.log_time_ns)
+    run = irsctl("replay", str(cut), "--out", str(tmp_path / "out"))
+    assert run.returncode == 1
+    assert "no frame came of these recordings" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert not (tmp_path / "out").exists()
