@@ -33,6 +33,7 @@ from nav_bridge.monitor import Driving, Failed, Outcome, Reached
 from nav_bridge.planner import Planner, World, XyYaw
 from nav_bridge.requests import Goto, Request, checked_goto, request_of
 from nav_bridge.scout import Scout
+from nav_bridge.search import warm_up
 from nav_bridge.sinks.base import Plan, Sink
 from nav_bridge.sinks.nav2 import Nav2Sink
 from nav_bridge.sinks.ros2 import RosSink
@@ -319,6 +320,7 @@ def run_bridge(settings: BridgeSettings, robot: str | None, endpoint: str | None
         signal.signal(number, lambda received, _: stopper.request(signal.Signals(received).name))
     settings = replace(settings, zenoh=with_environment(settings.zenoh, endpoint), robot=robot or settings.robot)
     encoder = LabelEncoder.load()  # before the session: a bridge that can be asked can answer
+    warm_up()
     with open_session(settings.zenoh, "peer") as session:
         bridge = Bridge(session, settings, encoder)
         _log.info("ready: robot %s, endpoint %s", settings.robot, settings.zenoh.endpoint)

@@ -6,7 +6,6 @@ Cells are (row, col) of a ``GridFrame``; occupancy is int8: -1 unknown, 0 free, 
 
 from __future__ import annotations
 
-import heapq
 import math
 from dataclasses import dataclass
 
@@ -16,8 +15,7 @@ from scipy import ndimage
 
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
-
-_DIAGONAL = math.sqrt(2.0)
+from nav_bridge.search import search
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,64 +121,17 @@ def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> 
         return None
     # A ring of impassable cells spares the inner loop all tests for the edge.
     width = costs.frame.width + 2
-    open_cell: list[bool] = np.pad(costs.passable, 1).ravel().tolist()
-    price: list[float] = np.pad(costs.cost * 0.5, 1).ravel().tolist()
-    rows, cols = np.ogrid[-1 : costs.frame.height + 1, -1 : costs.frame.width + 1]
-    dr, dc = np.abs(rows - goal[0]), np.abs(cols - goal[1])
-    ahead: list[float] = (np.maximum(dr, dc) + (_DIAGONAL - 1.0) * np.minimum(dr, dc)).ravel().tolist()
+    open_cell = np.pad(costs.passable, 1).ravel()
+    price = np.pad(costs.cost * np.float32(0.5), 1).astype(np.float64).ravel()
     source, target = (start[0] + 1) * width + start[1] + 1, (goal[0] + 1) * width + goal[1] + 1
-    came = _search(open_cell, price, ahead, width, source, target)
-    if came is None:
+    came = search(open_cell, price, width, source, target)
+    if source != target and came[target] < 0:
         return None
     chain = [target]
     while chain[-1] != source:
-        chain.append(came[chain[-1]])
+        chain.append(int(came[chain[-1]]))
     flat = np.array(chain[::-1], np.int64)
     return np.stack([flat // width - 1, flat % width - 1], 1)
-
-
-def _search(
-    open_cell: list[bool], price: list[float], ahead: list[float], width: int, source: int, target: int
-) -> dict[int, int] | None:
-    """Predecessors of the cells on the way from source to target, or None. Flat indices, deterministic ties.
-
-    price: half the cost of each cell; ahead: the heuristic. The loop is plain Python over lists: it visits few cells, and
-    indexing lists is several times faster than indexing arrays.
-    """
-    up, down = width, -width
-    # (step, the two cells that must be free so that the diagonal cuts no corner)
-    diagonal = ((up + 1, up, 1), (up - 1, up, -1), (down + 1, down, 1), (down - 1, down, -1))
-    best = [math.inf] * len(open_cell)
-    best[source] = 0.0
-    came: dict[int, int] = {}
-    queue: list[tuple[float, int]] = [(ahead[source], source)]
-    push, pop, infinite = heapq.heappush, heapq.heappop, -math.inf
-    while queue:
-        _, here = pop(queue)
-        if here == target:
-            return came
-        so_far = best[here]
-        if so_far == infinite:  # expanded before: the heuristic is consistent, the first time was the best
-            continue
-        best[here] = infinite
-        here_price = price[here]
-        for step in (1, -1, up, down):
-            there = here + step
-            if open_cell[there]:
-                total = so_far + here_price + price[there]
-                if total < best[there]:
-                    best[there] = total
-                    came[there] = here
-                    push(queue, (total + ahead[there], there))
-        for step, a, b in diagonal:
-            there = here + step
-            if open_cell[there] and open_cell[here + a] and open_cell[here + b]:
-                total = so_far + _DIAGONAL * (here_price + price[there])
-                if total < best[there]:
-                    best[there] = total
-                    came[there] = here
-                    push(queue, (total + ahead[there], there))
-    return None
 
 
 def path_cost(costs: CostMap, path: NDArray[np.integer]) -> float:
