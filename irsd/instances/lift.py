@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.geometry import Pose, invert, transform
+from irsd.core.geometry import Pose, invert
+from irsd.core.jit import kernel
 from irsd.core.settings import setting
 from irsd.core.types import CameraModel, CameraView, Detections, Structure
 from irsd.instances.settle import large_parts
@@ -106,10 +107,14 @@ def lift(view: CameraView, points_map: Floats, structure: NDArray[np.uint8], set
     points, labels = points_map[index], structure[index]
     # A point stands for the pixels of its own size; a mask that its points can't account for is out of the map's sight.
     point_px = (settings.splat_m * focal_px / depth) ** 2
-    mask_px = np.bincount(detections.ids_px.ravel(), minlength=int(detections.number.max(initial=0)) + 1)
+    mask_px = pixel_counts(detections.ids_px, int(detections.number.max(initial=0)) + 1)
     masks = []
+    inside = np.flatnonzero(certain & (number > 0))
+    inside = inside[np.argsort(number[inside], kind="stable")]
+    of_mask = number[inside]
     for k in np.argsort(detections.number, kind="stable").tolist():
-        mine = np.flatnonzero((number == detections.number[k]) & certain)
+        first, end = np.searchsorted(of_mask, [detections.number[k], int(detections.number[k]) + 1])
+        mine = inside[first:end]
         mine, flat = object_points(points, labels, mine, settings)
         covered_px = point_px[mine].sum()
         if len(mine) >= settings.min_points and covered_px >= settings.min_cover * mask_px[detections.number[k]]:
@@ -129,12 +134,9 @@ def project(
     points_map: Floats, map_T_camera: Pose, camera: CameraModel, max_range_m: float
 ) -> tuple[Ints, NDArray[np.float64], NDArray[np.float64]]:
     """Which points fall into the picture: (index [M], pixel (u, v) float64 [M, 2], depth along the optical axis [M])."""
-    points = np.asarray(transform(invert(map_T_camera), points_map), np.float64)
-    ahead = (points[:, 2] > _NEAR_M) & (np.einsum("ij,ij->i", points, points) < max_range_m**2)
-    index = np.flatnonzero(ahead)
-    points = points[index]
-    fx, fy, cx, cy = camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2]
-    pixel = np.stack([points[:, 0] / points[:, 2] * fx + cx, points[:, 1] / points[:, 2] * fy + cy], -1)
+    camera_T_map = np.ascontiguousarray(invert(map_T_camera), np.float64)
+    matrix = np.ascontiguousarray(camera.matrix, np.float64)
+    index, points, pixel = pinhole(np.ascontiguousarray(points_map, np.float32), camera_T_map, matrix, max_range_m)
     size_wh = np.array([camera.width_px, camera.height_px])
     if camera.distortion.any() and len(index):
         # A distortion polynomial folds far-off rays back into the picture, so they are cut before it is applied.
@@ -145,6 +147,54 @@ def project(
         pixel = _distorted(points, camera)
     inside = ((pixel > -0.5) & (pixel < size_wh - 0.5)).all(-1)
     return index[inside], pixel[inside], points[inside, 2]
+
+
+@kernel
+def pinhole(
+    points_map: Floats, camera_T_map: NDArray[np.float64], matrix: NDArray[np.float64], max_range_m: float
+) -> tuple[Ints, NDArray[np.float64], NDArray[np.float64]]:
+    """Points ahead of the camera and in range: (index [M], in the optical frame [M, 3], pixel (u, v) [M, 2] without distortion)."""
+    index, n = np.empty(len(points_map), np.int64), 0
+    points, pixel = np.empty((len(points_map), 3)), np.empty((len(points_map), 2))
+    for p in range(len(points_map)):
+        x, y, z = float(points_map[p, 0]), float(points_map[p, 1]), float(points_map[p, 2])
+        a = camera_T_map[0, 0] * x + camera_T_map[0, 1] * y + camera_T_map[0, 2] * z + camera_T_map[0, 3]
+        b = camera_T_map[1, 0] * x + camera_T_map[1, 1] * y + camera_T_map[1, 2] * z + camera_T_map[1, 3]
+        c = camera_T_map[2, 0] * x + camera_T_map[2, 1] * y + camera_T_map[2, 2] * z + camera_T_map[2, 3]
+        if c > _NEAR_M and a * a + b * b + c * c < max_range_m * max_range_m:
+            index[n] = p
+            points[n, 0], points[n, 1], points[n, 2] = a, b, c
+            pixel[n, 0], pixel[n, 1] = a / c * matrix[0, 0] + matrix[0, 2], b / c * matrix[1, 1] + matrix[1, 2]
+            n += 1
+    return index[:n], points[:n], pixel[:n]
+
+
+@kernel
+def pixel_counts(ids_px: NDArray[np.uint16], count: int) -> Ints:
+    """int64 [count]: how many pixels of ids_px [H, W] hold each number; higher numbers are not counted."""
+    out = np.zeros(count, np.int64)
+    for row in range(ids_px.shape[0]):
+        for column in range(ids_px.shape[1]):
+            number = ids_px[row, column]
+            if number < count:
+                out[number] += 1
+    return out
+
+
+@kernel
+def inner_pixels(ids_px: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], bool]:
+    """(uint8 [H, W], 0 where a neighbour to the side, above or below has another number, else 1; whether any is 0)."""
+    rows, columns = ids_px.shape
+    out, edges = np.ones((rows, columns), np.uint8), False
+    for row in range(rows):
+        for column in range(columns):
+            if column + 1 < columns and ids_px[row, column] != ids_px[row, column + 1]:
+                out[row, column] = out[row, column + 1] = 0
+                edges = True
+            if row + 1 < rows and ids_px[row, column] != ids_px[row + 1, column]:
+                out[row, column] = out[row + 1, column] = 0
+                edges = True
+    return out, edges
 
 
 def _distorted(points: NDArray[np.float64], camera: CameraModel) -> NDArray[np.float64]:
@@ -199,13 +249,8 @@ def mask_of_points(
 
 def edge_distance(ids_px: NDArray[np.uint16]) -> NDArray[np.float32]:
     """float32 [H, W]: pixels to the nearest place where the number changes (0.5 beside it), large where it never does."""
-    inner = np.ones(ids_px.shape, np.uint8)
-    across, down = ids_px[:, 1:] != ids_px[:, :-1], ids_px[1:] != ids_px[:-1]
-    inner[:, 1:][across] = 0
-    inner[:, :-1][across] = 0
-    inner[1:][down] = 0
-    inner[:-1][down] = 0
-    if inner.all():
+    inner, edges = inner_pixels(np.ascontiguousarray(ids_px))
+    if not edges:
         return np.full(ids_px.shape, float(sum(ids_px.shape)), np.float32)
     return np.asarray(cv2.distanceTransform(inner, cv2.DIST_L2, 3), np.float32) + np.float32(0.5)
 

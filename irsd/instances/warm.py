@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.grid import GridFrame
-from irsd.core.types import CameraModel, CameraView, Rooms
-from irsd.instances.lift import LiftedMask, LiftedView
+from irsd.core.types import CameraModel, CameraView, Detections, Rooms
+from irsd.instances.lift import LiftedMask, LiftedView, LiftSettings, lift
 from irsd.instances.memory import FusionSettings, InstanceMemory
 
 
@@ -32,3 +32,10 @@ def warm_up() -> None:
         memory.collect(stamp_ns)
     memory.watch(np.zeros(3), cube + np.float32(1.0), len(clouds))
     InstanceMemory(FusionSettings(), _embed).restore(memory.states())
+    ids = np.zeros((8, 8), np.uint16)
+    ids[2:6, 2:6] = 1
+    score, number = np.ones(1, np.float32), np.ones(1, np.int32)
+    seen = Detections(0, "", ids, number, score, ("thing",), ((("thing", 1.0),),), None)
+    small = CameraModel("", 8, 8, np.array([[8.0, 0, 3.5], [0, 8.0, 3.5], [0, 0, 1]]), "plumb_bob", np.zeros(0))
+    ahead = cube + np.array([-0.2, -0.2, 1.0], np.float32)
+    lift(CameraView(0, np.eye(4), small, seen, None), ahead, np.zeros(len(ahead), np.uint8), LiftSettings())
