@@ -120,9 +120,11 @@ class RoomStage:
         floor = self._floors.get(evidence.floor)
         if floor is None:
             return True
-        changed = floor.changed(evidence)
-        waited = self._waited >= self._settings.settle_after and changed > 0
-        return waited or changed >= max(self._settings.changed_share * float(evidence.known.sum()), 1.0)
+        changed, many = floor.changed(evidence), self._settings.changed_share * float(evidence.known.sum())
+        # The longer the wait, the less it takes: with what is left after a long one, any change.
+        wait = self._waited / self._settings.settle_after
+        least = many if wait < 1 else many / 4 if wait < 5 else 1.0
+        return changed >= max(least, 1.0)
 
     def _work(self, evidence: PlanEvidence, walls: WallPoints | None) -> Generator[None, None, Rooms]:
         floor = self._floors.get(evidence.floor)

@@ -26,7 +26,7 @@ Labels = NDArray[np.int32]
 class TrackSettings:
     """How slowly rooms change their identity."""
 
-    patience: int = setting(3, "a split is adopted after it was found in this many updates in a row", lo=1, hi=100)
+    patience: int = setting(2, "a split is adopted after it was found in this many updates in a row", lo=1, hi=100)
     merge_patience: int = setting(
         10, "a merge is adopted after this many: a cut once seen needs more to vanish", lo=1, hi=1000
     )
