@@ -16,6 +16,8 @@ from nav_bridge.language import GoalSpec
 from nav_bridge.resolution import Ambiguous, Candidate, Resolution, Resolved
 from nav_bridge.route import Route
 
+LOOKED = 0.7  # share of a room's floor from which it counts as looked at: under furniture nobody sees
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -23,6 +25,7 @@ class Answer:
 
     target and approach are set for resolved (target also for unreachable, with best_m the least distance possible). surface:
     [N, 2+] points in the map frame from which the arrival is measured. rooms: (id, label, how far it is the room that was named).
+    looked: where nothing was found, (id, share of the floor ever seen) of the rooms where the thing might be.
     """
 
     text: str
@@ -36,6 +39,7 @@ class Answer:
     best_m: float | None = None
     surface: NDArray[np.floating] | None = None
     rooms: tuple[tuple[str, str, float], ...] = ()
+    looked: tuple[tuple[str, float], ...] = ()
 
 
 def answer_document(answer: Answer, graph: GraphSnapshot, query_id: str | None = None) -> dict[str, Any]:
@@ -143,6 +147,9 @@ def why_document(answer: Answer, graph: GraphSnapshot) -> Mapping[str, Any]:
             }
             for pose in answer.approach.tried
         ]  # fmt: skip
+    if answer.looked:
+        document["not_found"] = "not seen there" if min(s for _, s in answer.looked) >= LOOKED else "never looked there"
+        document["looked"] = [{"room": room, "seen": round(share, 3)} for room, share in answer.looked]
     if answer.best_m is not None and math.isfinite(answer.best_m):
         document["best_distance_m"] = round(answer.best_m, 3)
     if answer.route is not None:

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from irsd.core.grid import GridFrame
 from irsd.graph.model import GraphSnapshot
 from irsd.perception.encoder import LabelEncoder
-from nav_bridge.answer import Answer
+from nav_bridge.answer import LOOKED, Answer
 from nav_bridge.approach import ApproachPose, Unreachable, find_approach
 from nav_bridge.config import BridgeSettings
-from nav_bridge.evidence import Knowledge
+from nav_bridge.evidence import MATCH, Knowledge
 from nav_bridge.geofence import Geofence
 from nav_bridge.language import GoalSpec, parse
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution
 from nav_bridge.resolve import resolve
-from nav_bridge.room_goal import find_place_inside, resolve_room, room_floor, wanted_room
+from nav_bridge.room_goal import find_place_inside, looked_at, resolve_room, room_floor, wanted_room
 from nav_bridge.route import CostMap, make_cost_map, plan_route
 
 _ALTERNATES = 6  # of an open choice ("any chair"), how many are tried before the answer is unreachable
@@ -74,7 +74,9 @@ class Planner:
         if isinstance(resolution, Ambiguous):
             return Answer(text, "ambiguous", spec, resolution, None, None, None, resolution.question, rooms=rooms)
         if isinstance(resolution, NotFound):
-            return Answer(text, "not_found", spec, resolution, None, None, None, resolution.reason, rooms=rooms)
+            looked = self._looked(spec, world)
+            reason = f"{resolution.reason}{_where(looked)}"
+            return Answer(text, "not_found", spec, resolution, None, None, None, reason, rooms=rooms, looked=looked)
         blank = Answer(text, "unreachable", spec, resolution, resolution.target, None, None, "", rooms=rooms)
         costs = world.map_of()
         if costs is None:
@@ -87,6 +89,14 @@ class Planner:
         if first.status == "resolved":
             return first
         return next((other for other in answers if other.status == "resolved"), first)
+
+    def _looked(self, spec: GoalSpec, world: World) -> tuple[tuple[str, float], ...]:
+        """How much was seen of each room the thing might be in: those of the kind that was named, or else all."""
+        costs = world.map_of() if spec.things and world.graph.rooms else None
+        if costs is None:
+            return ()
+        named = [r for r in world.graph.rooms if spec.room and self._knowledge.room_grade(spec.room, r) >= MATCH]
+        return tuple((room.id, looked_at(costs, room)) for room in named or world.graph.rooms)
 
     def again(self, answer: Answer, world: World, within_m: float | None = None) -> Answer:
         """A new way to the target that an answer has, on what is known now."""
@@ -140,3 +150,13 @@ class Planner:
             return find_place_inside(costs, outline, at, settings, start_reach_m=reach), room_floor(costs, outline)
         points = world.points_of(target.instance)
         return find_approach(costs, points, at, settings, start_reach_m=reach, room_xy=outline), points
+
+
+def _where(looked: tuple[tuple[str, float], ...]) -> str:
+    """Whether a thing that is not found can't be there or may be where nobody looked, in words."""
+    if not looked:
+        return ""
+    dark = [f"{room} ({100 * share:.0f} % seen)" for room, share in looked if share < LOOKED]
+    if dark:
+        return f"; never looked everywhere in {', '.join(dark)}"
+    return f"; not seen there: {', '.join(room for room, _ in looked)} looked at"

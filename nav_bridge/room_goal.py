@@ -108,3 +108,19 @@ def _to_outline(xy: NDArray[np.float64], outline: NDArray[np.float64]) -> NDArra
         along = np.clip((xy - a) @ span / max(float(span @ span), 1e-12), 0.0, 1.0)
         nearest = np.minimum(nearest, np.hypot(*(xy - a - along[:, None] * span).T))
     return nearest
+
+
+def looked_at(costs: CostMap, room: RoomNode) -> float:
+    """0..1: how much of a room's floor was ever seen."""
+    if len(room.polygon_xy) < 3:
+        return 0.0
+    x0, y0, x1, y1 = room.aabb_xy
+    (r0, c0), (r1, c1) = np.clip(costs.frame.cells_of(np.array([[x0, y0], [x1, y1]])), 0, costs.known.shape)
+    known = costs.known[r0 : r1 + 1, c0 : c1 + 1]
+    places = costs.frame.centres_of(np.argwhere(known) + np.array([r0, c0]))
+    # What of the outline lies beyond the map was never seen either.
+    corners = np.asarray(room.polygon_xy, np.float64)
+    x, y = corners.T
+    area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+    seen_m2 = float(in_polygon(places, room.polygon_xy).sum()) * costs.frame.resolution_m**2
+    return min(1.0, seen_m2 / max(area, 1e-9))

@@ -46,7 +46,7 @@ class CostMap:
     """The map as the search sees it.
 
     clear_m: float32 [H, W], distance of a cell's centre to the next blocked cell's centre. passable: bool [H, W], the robot's
-    centre may be there. cost: float32 [H, W] >= 1, price of a metre in a cell. blocked: bool [H, W].
+    centre may be there. cost: float32 [H, W] >= 1, price of a metre in a cell. blocked: bool [H, W]. known: bool [H, W], was seen.
     """
 
     frame: GridFrame
@@ -54,6 +54,7 @@ class CostMap:
     clear_m: NDArray[np.float32]
     passable: NDArray[np.bool_]
     cost: NDArray[np.float32]
+    known: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ def make_cost_map(frame: GridFrame, occupancy: NDArray[np.int8], settings: Route
     passable = (clear >= hard) & ~blocked
     lacking = np.clip((hard + settings.comfort_m - clear) / max(settings.comfort_m, 1e-6), 0.0, 1.0)
     cost = (1.0 + settings.comfort_weight * lacking**2).astype(np.float32)
-    return CostMap(frame, blocked, clear, passable, cost)
+    return CostMap(frame, blocked, clear, passable, cost, cells >= 0)
 
 
 def snap_to_passable(costs: CostMap, xy: tuple[float, float], reach_m: float) -> tuple[int, int] | None:

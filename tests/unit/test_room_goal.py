@@ -90,3 +90,25 @@ def test_why_tells_what_was_weighed(planner: Planner) -> None:
     poses = why["poses_tried"]
     assert [poses[0]["x"], poses[0]["y"]] == pytest.approx(list(answer.route.waypoints[-1][:2]), abs=1e-3)  # type: ignore[union-attr]
     assert all(a["price"] <= b["price"] for a, b in itertools.pairwise(poses))
+
+
+def test_not_found_tells_not_seen_from_never_looked(planner: Planner) -> None:
+    seen = planner.answer("elephant", world(planner))
+    assert answer_document(seen, house.GRAPH)["why"]["not_found"] == "not seen there"
+    assert all(share > 0.95 for _, share in seen.looked)
+    assert "not seen there: R1, R2" in seen.reason
+    cells = house.occupancy()
+    cells[:, int((6.0 - house.FRAME.origin_xy_m[0]) / house.RESOLUTION_M) :] = -1  # most of the kitchen
+    costs = planner.cost_map(house.FRAME, cells)
+    dark = World(house.GRAPH, lambda: costs, house.points_of, (2.5, 3.0, 0.0))
+    for query, rooms, kind in (
+        ("elephant", ["R1", "R2"], "never looked there"),
+        ("elephant in the kitchen", ["R2"], "never looked there"),
+        ("elephant in the laboratory", ["R1"], "not seen there"),
+    ):
+        answer = planner.answer(query, dark)
+        assert [room for room, _ in answer.looked] == rooms
+        assert answer_document(answer, house.GRAPH)["why"]["not_found"] == kind
+    assert dict(planner.answer("elephant in the kitchen", dark).looked)["R2"] == pytest.approx(0.9 / 4.9, abs=0.03)
+    nothing = World(house.GRAPH, lambda: None, house.points_of, (2.5, 3.0, 0.0))
+    assert planner.answer("elephant", nothing).looked == ()
