@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from irsd.core.settings import setting
 from irsd.mapping import kernels
 
+_EVICT_BLOCKS = 256  # blocks counted at a time: work follows what is forgotten, not the map
 _EVICT_SHARE = 0.05  # of the bound, freed at once: an eviction pass looks at every block, so it must be rare
 
 
@@ -168,12 +169,15 @@ class VoxelMap:
         centres = (kernels.unpack_blocks(self.blocks[slots]) + 0.5) * (kernels.BLOCK_EDGE * self.settings.voxel_m)
         distance = np.linalg.norm(centres - origin, axis=-1)
         slots = slots[np.argsort(-distance, kind="stable")]
-        freed = np.cumsum((self.index[slots] > 0).sum(-1))
         spare = int(self.settings.max_voxels * _EVICT_SHARE)
         need_rows = len(self) + rows + spare - self.settings.max_voxels
         need_blocks = self._slots.used + blocks + int(self._max_blocks * _EVICT_SHARE) - self._max_blocks
-        count = max(int(np.searchsorted(freed, need_rows)) + 1 if need_rows > 0 else 0, need_blocks)
-        self._forget(slots[:count])
+        freed = end = 0
+        while end < len(slots) and (freed < need_rows or end < need_blocks):
+            part = slots[end : end + _EVICT_BLOCKS]
+            freed += int((self.index[part] > 0).sum())
+            end += len(part)
+        self._forget(slots[:end])
 
     def _forget(self, slots: NDArray[np.int32]) -> None:
         """Free the blocks in these slots and their voxels."""
