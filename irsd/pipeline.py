@@ -74,7 +74,7 @@ class MapPipeline:
 
         # 3. What the cameras saw: masks to 3D points, points to instances.
         for view in frame.views:
-            if view.detections is None or self._rooms is None:
+            if view.detections is None:
                 continue
             with _timed(ms, "lift"):
                 points, structure = self._mapper.visible(
@@ -84,10 +84,11 @@ class MapPipeline:
             with _timed(ms, "fusion"):
                 self._memory.observe(view, lifted, self._rooms)
 
+        # 4. What the LiDAR saw through: things that are no longer there.
         with _timed(ms, "fusion"):
             self._memory.watch(frame.scan.origin_map, frame.scan.points_map, frame.stamp_ns)
 
-        # 4. The graph, when its period is over.
+        # 5. The graph, when its period is over.
         delta = None
         if frame.stamp_ns >= self._graph_due_ns:
             delta = self._commit(frame.stamp_ns, ms)

@@ -11,6 +11,7 @@ import sys
 from irsd.core.runtime import monotonic_s
 from irsd.instances import warm as instances
 from irsd.mapping import warm as mapping
+from irsd.rooms import kernels as rooms
 
 _log = logging.getLogger(__name__)
 
@@ -19,6 +20,7 @@ def warm_up() -> None:
     """Compile or load the kernels of all stages: under a second when they are cached, else about half a minute."""
     began_s = monotonic_s()
     mapping.warm_up()
+    rooms.warm_up()
     instances.warm_up()
     _log.info("kernels ready after %.1f s", monotonic_s() - began_s)
 

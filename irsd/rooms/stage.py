@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from irsd.core.types import PlanEvidence, RoomFootprint, Rooms
 from irsd.rooms.algorithm1 import BoxRooms
 from irsd.rooms.floor import FloorRooms
-from irsd.rooms.kernels import warm_up
 from irsd.rooms.outline import WallPoints
 from irsd.rooms.segment import finished
 from irsd.rooms.settings import RoomSettings
@@ -43,7 +42,6 @@ class RoomStage:
     """Rooms of the growing map. Unchanged evidence gives back the same object."""
 
     def __init__(self, settings: RoomSettings) -> None:
-        warm_up()
         self._settings = settings
         self._ids = IdSource()
         self._floors: dict[int, FloorRooms | BoxRooms] = {}
