@@ -31,7 +31,10 @@ class ApproachSettings:
         0.5, "farthest distance from the robot's centre to the target's nearest surface", lo=0.05, hi=10.0
     )
     best_m: float = setting(
-        0.35, "distance liked best; below within_m so that control error still ends within it", lo=0.0, hi=10.0
+        0.30,
+        "distance liked best; below within_m so that control error, drift and bled surfaces still end within it",
+        lo=0.0,
+        hi=10.0,
     )
     margin_m: float = setting(
         0.03, "distances within this of within_m are used only when nothing better exists", lo=0.0, hi=1.0

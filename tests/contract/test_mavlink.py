@@ -142,6 +142,7 @@ def test_the_bridge_drives_the_vehicle_it_is_configured_for(tmp_path: Path) -> N
         time.sleep(2.0)  # the first heartbeats
         ready(world, "fridge")
         world.drive_until(lambda s: s["state"] == "driving")
+        world.stalled = True  # it must not arrive before the take-over is heard
         until(lambda: vehicle.mode == OFFBOARD, world.step)
         vehicle.mode = STABILIZED
         failed = world.drive_until(lambda s: s["state"] == "failed")[-1]
