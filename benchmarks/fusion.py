@@ -1,6 +1,6 @@
 """Drive the product's instance memory on a scene of lifted masks and print cost and quality.
 
-    python benchmarks/fusion.py SCENE.npz [--out PRED.npz] [--method ours|irs] [--rooms off|serial|parallel]
+    python benchmarks/fusion.py SCENE.npz [--out PRED.npz] [--method ours|irs] [--rooms off|serial]
         [--instances N] [--collect-every K] [--set KEY=VALUE ...] [--tools DIR] [--json]
 
 SCENE.npz is a file of ``make_masks.py``: masks that are points already, so lifting plays no part. Frame by frame the masks go
@@ -84,10 +84,7 @@ def rooms_of(scene: Scene) -> Rooms:
 def settings_of(arguments: argparse.Namespace) -> fusion.FusionSettings:
     """The product's defaults with what the command line changes."""
     settings = fusion.FusionSettings()
-    names = {f.name for f in dataclasses.fields(settings)}
     values: dict[str, Any] = {"method": arguments.method, "room_prior": arguments.rooms != "off", "voxel_m": VOXEL_M}
-    if "parallel" in names:
-        values["parallel"] = 2 if arguments.rooms == "parallel" else 0
     for pair in arguments.set:
         key, _, text = pair.partition("=")
         values[key] = type(getattr(settings, key))(json.loads(text))
@@ -184,7 +181,7 @@ def main() -> int:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--method", choices=("ours", "irs"), default="ours")
-    parser.add_argument("--rooms", choices=("off", "serial", "parallel"), default="off")
+    parser.add_argument("--rooms", choices=("off", "serial"), default="off")
     parser.add_argument("--instances", type=int, default=0)
     parser.add_argument("--collect-every", type=int, default=10, metavar="K")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of fusion")

@@ -11,12 +11,11 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
-R = TypeVar("R")
 
 Event = threading.Event
 
@@ -215,22 +214,14 @@ class ExitGuard:
 
 
 class Pool:
-    """A few threads for independent pieces of work: fusion of rooms side by side, answers to queries.
+    """A few threads for independent pieces of work, such as answers to queries.
 
-    workers: threads; 0 or 1 runs ``map`` in the caller. backlog: how many submitted pieces may wait before more are refused.
+    backlog: how many submitted pieces may wait before more are refused.
     """
 
     def __init__(self, name: str, workers: int, backlog: int = 64) -> None:
-        self._workers = workers
         self._executor = ThreadPoolExecutor(max(workers, 1), thread_name_prefix=name)
         self._room = threading.BoundedSemaphore(max(workers, 1) + backlog)
-
-    def map(self, work: Callable[[T], R], items: Iterable[T]) -> list[R]:
-        """work(item) for each item, results in the order of the items. The first exception is raised here."""
-        todo = list(items)
-        if self._workers <= 1 or len(todo) <= 1:
-            return [work(item) for item in todo]
-        return list(self._executor.map(work, todo))
 
     def submit(self, work: Callable[[], None]) -> bool:
         """Hands work over; False when too much of it is waiting already. The work reports its own errors."""

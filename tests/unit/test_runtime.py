@@ -119,18 +119,6 @@ def test_worker_that_was_never_started_has_ended() -> None:
     assert Worker("idle", lambda: None).join(0)
 
 
-@pytest.mark.parametrize("workers", [0, 1, 3])
-def test_pool_keeps_the_order_of_its_items(workers: int) -> None:
-    with Pool("rooms", workers) as pool:
-        assert pool.map(lambda n: n * n, []) == []
-        assert pool.map(lambda n: n * n, range(20)) == [n * n for n in range(20)]
-
-
-def test_pool_raises_what_its_work_raises() -> None:
-    with Pool("rooms", 2) as pool, pytest.raises(ZeroDivisionError):
-        pool.map(lambda n: 1 // n, [1, 0])
-
-
 def test_pool_refuses_work_beyond_its_backlog() -> None:
     gate: Event = Event()
     ran: Ring[bool] = Ring(4)
