@@ -4,6 +4,7 @@ IrsdError
  +- ConfigError      a setting is unknown, of the wrong type or out of range
  +- DecodeError      sensor bytes that are not what their key says
  +- ModelError       a model file is missing, altered or breaks its contract
+ |   +- RunCancelledError  a run was told to stop before its end
  +- StoreError       the state on disk can't be read or written
  +- TransportError   zenoh can't be opened, or a peer answered with an error
 """
@@ -23,6 +24,10 @@ class DecodeError(IrsdError):
 
 class ModelError(IrsdError):
     """A model file is missing, fails its checksum or breaks its input/output contract."""
+
+
+class RunCancelledError(ModelError):
+    """A run was told to stop before its end; the session stays usable."""
 
 
 class StoreError(IrsdError):
