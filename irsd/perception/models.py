@@ -14,7 +14,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from irsd.core.errors import RunCancelledError, ModelError
+from irsd.core.errors import ModelError, RunCancelledError
 from irsd.core.runtime import Guarded
 from irsd.models import PackagedFile
 
@@ -134,10 +134,12 @@ class Session:
         inputs: tuple[str, ...] = (),
         outputs: tuple[str, ...] = (),
         providers: tuple[str, ...] = (CPU,),
+        cancel: Cancel | None = None,
     ):
         """inputs, outputs: names the caller relies on; ModelError when the file lacks one or is no ONNX model.
 
         providers: keys of ``PROVIDERS``, best first; the CPU is the last resort whether named or not.
+        cancel: ends the runs of this session, where a run brings none of its own.
         """
         wanted = list(dict.fromkeys((*providers, CPU)))
         unknown = [name for name in wanted if name not in PROVIDERS]
@@ -150,6 +152,7 @@ class Session:
         except _ERRORS as error:
             raise ModelError(f"{path} is no model that onnxruntime can open: {error}") from error
         self.path = path
+        self._cancel = cancel
         running = self._session.get_providers()
         self.providers = tuple(name for name in wanted if PROVIDERS[name][0] in running)
         lost = [name for name in wanted if name not in self.providers]
@@ -172,6 +175,7 @@ class Session:
     ) -> tuple[NDArray[Any], ...]:
         """The named outputs for the named inputs; ModelError when onnxruntime refuses them, RunCancelledError when told to stop."""
         options = onnxruntime.RunOptions()
+        cancel = cancel or self._cancel
         if cancel is not None:
             cancel._enter(options)
         try:

@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import pytest
 
-from irsd.core.errors import RunCancelledError, ModelError
+from irsd.core.errors import ModelError, RunCancelledError
 from irsd.core.runtime import Event, Worker
 from irsd.models import MINILM_WEIGHTS
 from irsd.perception.models import Cancel, Session, Tensor, packaged_path
