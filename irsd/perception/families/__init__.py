@@ -1,0 +1,1 @@
+"""One adapter per family of models: an opened session and a tokenizer in, a role out."""
