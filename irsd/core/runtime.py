@@ -25,14 +25,26 @@ _EXIT_POLL_S = 0.5
 
 
 # ------------------------------------------------------------------------------------------------------------- clocks
+_clock: Callable[[], int] = time.monotonic_ns
+
+
+def use_clock(now_ns: Callable[[], int] | None) -> None:
+    """Simulated time: what ``monotonic_ns`` and ``monotonic_s`` say from now on in this process; None: real time again.
+
+    Whoever waits for another thread or process still waits in real time.
+    """
+    global _clock  # noqa: PLW0603  a process has one time
+    _clock = now_ns or time.monotonic_ns
+
+
 def monotonic_ns() -> int:
     """For durations and deadlines; has no meaning outside this process."""
-    return time.monotonic_ns()
+    return _clock()
 
 
 def monotonic_s() -> float:
     """For durations and deadlines, in seconds."""
-    return time.monotonic()
+    return _clock() * 1e-9
 
 
 def wall_clock_ns() -> int:

@@ -18,6 +18,9 @@ from irsd.core.runtime import (
     Ring,
     Stopper,
     Worker,
+    monotonic_ns,
+    monotonic_s,
+    use_clock,
 )
 
 WAIT_S = 20.0
@@ -223,3 +226,12 @@ ExitGuard(gate.set)
 raise SystemExit(3)
 """
     assert subprocess.run([sys.executable, "-c", program], timeout=60, check=False).returncode == 3
+
+
+def test_time_can_be_simulated() -> None:
+    use_clock(lambda: 2_500_000_000)
+    try:
+        assert (monotonic_ns(), monotonic_s()) == (2_500_000_000, 2.5)
+    finally:
+        use_clock(None)
+    assert abs(monotonic_s() - monotonic_ns() * 1e-9) < 5.0
