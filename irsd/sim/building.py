@@ -7,7 +7,7 @@ truth and a perfect map agree.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,8 @@ class DoorTruth:
 class Building:
     """Everything about the world that does not move.
 
-    triangles: float32 [T, 3, 3] world frame; colour: uint8 [T, 3] RGB; thing: int32 [T] Thing.id of each triangle.
+    triangles: float32 [T, 3, 3] world frame; colour: uint8 [T, 3] RGB; thing: int32 [T] Thing.id of each triangle;
+    shape_thing: int32 [S] that of each shape of the obstacles.
     """
 
     seed: int
@@ -72,7 +73,16 @@ class Building:
     colour: NDArray[np.uint8]
     thing: NDArray[np.int32]
     obstacles: Obstacles
+    shape_thing: NDArray[np.int32]
     space: FreeSpace
+
+
+class Body(NamedTuple):
+    """A thing's solid: triangles float32 [T, 3, 3], colour uint8 [T, 3], shapes float64 [S, 5] at the robot's height."""
+
+    triangles: NDArray[np.float32]
+    colour: NDArray[np.uint8]
+    shapes: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,28 +152,12 @@ def _compile(seed: int, shell: Shell, pieces: list[_Piece], yaw_rad: float) -> B
     def to_world(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return moved(points - start, 0.0, 0.0, 0.0, yaw_rad)
 
-    things: list[Thing] = []
-    meshes: list[NDArray[np.float64]] = []
-    colours: list[NDArray[np.uint8]] = []
-    ids: list[NDArray[np.int32]] = []
-    shapes: list[tuple[float, float, float, float, float]] = []
-    for number, piece in enumerate(pieces, start=1):
-        x, y, z, yaw = piece.pose
-        corners = []
-        for part in piece.parts:
-            mesh = to_world(moved(part.triangles(), x, y, z, yaw))
-            meshes.append(mesh)
-            colours.append(np.broadcast_to(np.array(part.colour, np.uint8), (len(mesh), 3)))
-            ids.append(np.full(len(mesh), number, np.int32))
-            corners.append(mesh.reshape(-1, 3))
-            if part.hi[2] + z > 0.02 and part.lo[2] + z < _ROBOT_HEIGHT_M and piece.label not in ("floor", "carpet"):
-                middle = (np.array(part.lo) + np.array(part.hi)) / 2
-                at = to_world(moved(middle, x, y, z, yaw))
-                half = (np.array(part.hi) - np.array(part.lo))[:2] / 2
-                half_y = -1.0 if part.round else float(half[1])
-                shapes.append((float(at[0]), float(at[1]), float(half[0]), half_y, yaw + yaw_rad))
-        every = np.concatenate(corners)
-        things.append(Thing(number, piece.label, piece.synonyms, piece.room, every.min(0), every.max(0)))
+    bodies = [body_of(p.label, p.parts, _in_world(p.pose, start, yaw_rad)) for p in pieces]
+    corners = [body.triangles.reshape(-1, 3).astype(np.float64) for body in bodies]
+    things = [
+        Thing(number, piece.label, piece.synonyms, piece.room, every.min(0), every.max(0))
+        for number, (piece, every) in enumerate(zip(pieces, corners, strict=True), start=1)
+    ]
     outlines = [_outline(room.rect) for room in shell.rooms]
     rooms = tuple(
         RoomTruth(room.kind, to_world(outline)[:, :2]) for room, outline in zip(shell.rooms, outlines, strict=True)
@@ -171,13 +165,44 @@ def _compile(seed: int, shell: Shell, pieces: list[_Piece], yaw_rad: float) -> B
     doors = tuple(
         DoorTruth(p.rooms, _xy(to_world(np.array([[p.x_m, p.y_m, 0.0]]))[0]), p.width_m) for p in shell.passages
     )
-    obstacles = Obstacles(np.array(shapes, np.float64))
-    triangles = np.concatenate(meshes).astype(np.float32)
-    frame = _grid_frame(triangles)
+    number = np.arange(1, len(bodies) + 1, dtype=np.int32)
+    obstacles = Obstacles(np.concatenate([body.shapes for body in bodies]))
+    triangles = np.concatenate([body.triangles for body in bodies])
     return Building(
-        seed, rooms, doors, tuple(things), triangles, np.concatenate(colours), np.concatenate(ids), obstacles,
-        FreeSpace(frame, obstacles),
-    )  # fmt: skip
+        seed,
+        rooms,
+        doors,
+        tuple(things),
+        triangles,
+        np.concatenate([body.colour for body in bodies]),
+        np.repeat(number, [len(body.triangles) for body in bodies]),
+        obstacles,
+        np.repeat(number, [len(body.shapes) for body in bodies]),
+        FreeSpace(_grid_frame(triangles), obstacles),
+    )
+
+
+def body_of(label: str, parts: tuple[Part, ...], pose: tuple[float, float, float, float]) -> Body:
+    """The solid of a thing at a pose (x, y, z, yaw)."""
+    x, y, z, yaw = pose
+    meshes = [moved(part.triangles(), x, y, z, yaw).astype(np.float32) for part in parts]
+    colours = [np.tile(np.array(p.colour, np.uint8), (len(m), 1)) for p, m in zip(parts, meshes, strict=True)]
+    shapes = []
+    for part in parts:
+        if part.hi[2] + z > 0.02 and part.lo[2] + z < _ROBOT_HEIGHT_M and label not in ("floor", "carpet"):
+            lo, hi = np.array(part.lo), np.array(part.hi)
+            at = moved((lo + hi) / 2, x, y, z, yaw)
+            half = (hi - lo)[:2] / 2
+            shapes.append((at[0], at[1], half[0], -1.0 if part.round else half[1], yaw))
+    return Body(np.concatenate(meshes), np.concatenate(colours), np.array(shapes, np.float64).reshape(-1, 5))
+
+
+def _in_world(
+    pose: tuple[float, float, float, float], start: NDArray[np.float64], yaw_rad: float
+) -> tuple[float, float, float, float]:
+    """A pose (x, y, z, yaw) of the building's frame seen from where the robot starts."""
+    x, y, z = moved(np.array(pose[:3]) - start, 0.0, 0.0, 0.0, yaw_rad).tolist()
+    return x, y, z, pose[3] + yaw_rad
 
 
 def _grid_frame(triangles: NDArray[np.float32], resolution_m: float = 0.05) -> GridFrame:

@@ -57,9 +57,13 @@ class Detector:
     """Turns exact ids into noisy detections; deterministic for a given generator."""
 
     def __init__(self, things: tuple[Thing, ...], settings: DetectorSettings) -> None:
-        self._things = {thing.id: thing for thing in things}
         self._names = sorted({thing.label for thing in things if not thing.structural} | set(_STRAY_NAMES))
         self._settings = settings
+        self.renew(things)
+
+    def renew(self, things: tuple[Thing, ...]) -> None:
+        """What stands in the building has changed; the vocabulary stays."""
+        self._things = {thing.id: thing for thing in things}
 
     def detect(self, stamp_ns: int, frame_id: str, ids_px: NDArray[np.uint16], rng: np.random.Generator) -> Detections:
         """ids_px: uint16 [H, W] exact Thing.id. Zero detections is a normal answer."""

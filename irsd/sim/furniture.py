@@ -347,3 +347,16 @@ def flat_on_wall(label: str, synonyms: tuple[str, ...], dy: float, dz: float, co
         box(0.01, 0.014, -dy / 2 + 0.03, dy / 2 - 0.03, 0.03, dz - 0.03, panel),
     )
     return Item(label, synonyms, parts)
+
+
+# --------------------------------------------------------------------------------------- who walks by
+def person(rng: Rng) -> Item:
+    """Somebody standing upright."""
+    cloth, height = pick(rng, FABRICS), float(rng.uniform(1.6, 1.85))
+    parts = (
+        cylinder(0, 0.1, 0.08, 0, 0.8, DARK),
+        cylinder(0, -0.1, 0.08, 0, 0.8, DARK),
+        cylinder(0, 0, 0.2, 0.8, height - 0.3, cloth),
+        cylinder(0, 0, 0.11, height - 0.3, height, (214, 172, 140)),
+    )
+    return Item("person", ("human", "man", "woman"), parts)

@@ -39,7 +39,7 @@ class Robot:
         self.turn_rad_s = 0.0
         self.collisions = 0
         self._touching = False
-        self._obstacles = obstacles
+        self.obstacles = obstacles
         self._rng = rng
         self._scale = 1.0 + settings.odom_scale_error * float(rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.2))
         self._turn_scale = 1.0 + settings.odom_turn_error * float(rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.2))
@@ -55,7 +55,7 @@ class Robot:
         heading = self.pose[2] + self.turn_rad_s * dt_s / 2
         ahead = self.speed_m_s * dt_s
         there = self.pose[:2] + ahead * np.array([np.cos(heading), np.sin(heading)])
-        blocked = ahead != 0.0 and float(self._obstacles.distance(there[None])[0]) < ROBOT_RADIUS_M
+        blocked = ahead != 0.0 and float(self.obstacles.distance(there[None])[0]) < ROBOT_RADIUS_M
         if blocked:
             self.collisions += not self._touching
             self.speed_m_s, ahead, there = 0.0, 0.0, self.pose[:2]

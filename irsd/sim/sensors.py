@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import cv2
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from irsd.core.geometry import Pose, pose_from_xy_yaw
 from irsd.core.types import CameraImage, CameraModel, LidarScan, StaticTransform
-from irsd.sim.building import Building
-from irsd.sim.raycast import RayScene
+from irsd.sim.building import Body, Building
+from irsd.sim.raycast import Hits, RayScene
 
 LIDAR_FRAME, CAMERA_LINK, CAMERA_FRAME = "lidar", "camera_link", "camera_optical"
 T = TypeVar("T", bound=np.generic)
@@ -85,23 +85,70 @@ class Sweep:
     thing: NDArray[np.int32]
 
 
+@dataclass(slots=True)
+class _Walker:
+    """Somebody who walks by: a body about the origin, where they are, and the number of their first triangle."""
+
+    thing_id: int
+    body: Body
+    scene: RayScene
+    place_m: NDArray[np.float32] = field(default_factory=lambda: np.zeros(3, np.float32))
+    first: int = 0
+
+
 class Eyes:
     """Casts the sensors' rays into one building."""
 
     def __init__(self, building: Building, lidar: LidarSettings, camera: CameraSettings) -> None:
         self.lidar, self.camera = lidar, camera
         self.camera_model = camera.model()
-        self._scene = RayScene(building.triangles)
-        self._thing = building.thing
-        self._normal = _normals(building.triangles)
-        self._colour = building.colour.astype(np.float32)
-        light = 0.8 + 0.25 * np.maximum(self._normal @ _SUN.astype(np.float32), 0)
-        self._lit = self._colour * light[:, None]
+        self._walkers: dict[int, _Walker] = {}
+        self.renew(building)
         self._pixel_rays = _pixel_rays(camera, self.camera_model)
         mounts = {mount.child: mount.parent_T_child for mount in mountings()}
         self._base_T_lidar = mounts[LIDAR_FRAME]
         self._base_T_camera = mounts[CAMERA_LINK] @ mounts[CAMERA_FRAME]
         self._elevation = np.linspace(lidar.low_rad, lidar.high_rad, lidar.rings)
+
+    def renew(self, building: Building) -> None:
+        """What stands in the building has changed."""
+        self._scene = RayScene(building.triangles)
+        self._thing = building.thing
+        self._normal = _normals(building.triangles)
+        self._colour = building.colour.astype(np.float32)
+        for walker in self._walkers.values():
+            self._append(walker)
+
+    def show(self, thing_id: int, body: Body, place_xy: NDArray[np.float64] | None) -> None:
+        """Somebody who walks by is at place_xy [2] now; None: no longer here."""
+        if place_xy is None:
+            self._walkers.pop(thing_id, None)
+            return
+        walker = self._walkers.get(thing_id)
+        if walker is None:
+            walker = _Walker(thing_id, body, RayScene(body.triangles))
+            self._walkers[thing_id] = walker
+            self._append(walker)
+        walker.place_m = np.array([*place_xy, 0.0], np.float32)
+
+    def _append(self, walker: _Walker) -> None:
+        """A walker's surfaces behind those of the building."""
+        walker.first = len(self._thing)
+        self._thing = np.append(self._thing, np.full(len(walker.body.triangles), walker.thing_id, np.int32))
+        self._normal = np.concatenate([self._normal, _normals(walker.body.triangles)])
+        self._colour = np.concatenate([self._colour, walker.body.colour.astype(np.float32)])
+
+    def _cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
+        """First hits on the building or on whoever walks by."""
+        hits = self._scene.cast(origins, directions)
+        for walker in self._walkers.values():
+            own = walker.scene.cast(origins - walker.place_m, directions)
+            nearer = own.range_m < hits.range_m
+            hits = Hits(
+                np.where(nearer, own.range_m, hits.range_m),
+                np.where(nearer, own.triangle + np.int32(walker.first), hits.triangle),
+            )
+        return hits
 
     def column_times_s(self) -> NDArray[np.float64]:
         """[columns] seconds after the turn's start at which each column is measured."""
@@ -121,7 +168,7 @@ class Eyes:
         # The LiDAR stands above the robot's middle, so turning does not move it.
         origin = np.column_stack([world_xy_yaw[:, :2], np.full(settings.columns, self._base_T_lidar[2, 3])])
         directions = world.reshape(-1, 3).astype(np.float32)
-        hits = self._scene.cast(np.tile(origin, (settings.rings, 1)).astype(np.float32), directions)
+        hits = self._cast(np.tile(origin, (settings.rings, 1)).astype(np.float32), directions)
         kept = (
             (hits.range_m > _MIN_RANGE_M)
             & (hits.range_m < _MAX_RANGE_M)
@@ -141,12 +188,14 @@ class Eyes:
         height, width = self.camera.height_px // self.camera.shrink, self.camera.width_px // self.camera.shrink
         directions = self._pixel_rays @ world_T_camera[:3, :3].T.astype(np.float32)
         origin = np.broadcast_to(world_T_camera[:3, 3].astype(np.float32), directions.shape)
-        hits = self._scene.cast(origin, directions)
+        hits = self._cast(origin, directions)
         missed = hits.triangle < 0
         triangle = np.where(missed, 0, hits.triangle)
         facing = np.abs(np.einsum("ij,ij->i", self._normal[triangle], directions))
         shade = (0.72 + 0.28 * facing) * _pattern(origin, directions, hits.range_m, self._normal[triangle])
-        rgb = np.where(missed[:, None], np.float32(235.0), self._lit[triangle] * shade[:, None])
+        light = 0.8 + 0.25 * np.maximum(self._normal @ _SUN.astype(np.float32), 0)
+        lit = self._colour * light[:, None]
+        rgb = np.where(missed[:, None], np.float32(235.0), lit[triangle] * shade[:, None])
         rgb += rng.normal(0, self.camera.noise_levels, (len(rgb), 1)).astype(np.float32)
         bgr = np.clip(rgb[:, ::-1], 0, 255).astype(np.uint8).reshape(height, width, 3)
         full = cv2.resize(bgr, (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_LINEAR)

@@ -80,7 +80,7 @@ class FreeSpace:
         """Has every room a fair share of floor that the robot can reach from the start?"""
         for polygon in polygons_xy:
             cells = self.frame.centres_of(np.argwhere(self._reached))
-            if _inside_polygon(cells, polygon).sum() * self.frame.resolution_m**2 < 0.35:
+            if inside_polygon(cells, polygon).sum() * self.frame.resolution_m**2 < 0.35:
                 return False
         return True
 
@@ -88,7 +88,7 @@ class FreeSpace:
         """[2] a reachable place in the room from which it is seen well: open, and near the room's middle."""
         cells = np.argwhere(self._reached)
         points = self.frame.centres_of(cells)
-        within = _inside_polygon(points, polygon_xy)
+        within = inside_polygon(points, polygon_xy)
         cells, points = cells[within], points[within]
         clearance = self.clearance_m[cells[:, 0], cells[:, 1]]
         score = np.minimum(clearance, 0.7) - 0.5 * np.linalg.norm(points - polygon_xy.mean(0), axis=1)
@@ -157,7 +157,7 @@ def _graph(drivable: NDArray[np.bool_], clearance_m: NDArray[np.float32], resolu
     return sparse.csr_array((np.concatenate([cost, cost]), both_ways), shape=(height * width, height * width))
 
 
-def _inside_polygon(points_xy: NDArray[np.float64], polygon_xy: NDArray[np.float64]) -> NDArray[np.bool_]:
+def inside_polygon(points_xy: NDArray[np.float64], polygon_xy: NDArray[np.float64]) -> NDArray[np.bool_]:
     """[P] points [P, 2] inside a convex counter-clockwise polygon [K, 2]."""
     edge = np.roll(polygon_xy, -1, 0) - polygon_xy
     offset = points_xy[:, None] - polygon_xy[None]

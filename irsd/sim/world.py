@@ -23,9 +23,11 @@ from irsd.sensors.encode import (
     encode_pointcloud2,
     encode_tf,
 )
-from irsd.sim.building import make_building
+from irsd.sim.building import Building, make_building
 from irsd.sim.detector import Detector, DetectorSettings
 from irsd.sim.drive import Command, LookTask, PathTask, exploring_tour
+from irsd.sim.parts import Item
+from irsd.sim.rearrange import Walk, made, shifted, thing_of, with_thing, without
 from irsd.sim.robot import Robot, RobotSettings, steer_clear
 from irsd.sim.sensors import CAMERA_FRAME, CameraSettings, Eyes, LidarSettings, mountings
 
@@ -94,6 +96,8 @@ class World:
         self._due["camera"] += _ns(self.settings.lidar.period_s / 2)  # not both at once: shorter pauses in between
         self._late: list[WorldMessage] = []
         self._shots = 0
+        self._last_id = max(thing.id for thing in self.building.things)
+        self._walks: list[Walk] = []
 
     # ------------------------------------------------------------------------------------------------- what to do
     @property
@@ -133,6 +137,44 @@ class World:
             way = np.array([list(map(float, point)) for point in waypoints])
             path = np.vstack([self.robot.odometry[:2], way[:, :2]])
             self._way = PathTask(path, float(way[-1, 2]), self.settings.robot.speed_m_s)
+
+    # ------------------------------------------------------------------------------------------------- what changes
+    def remove(self, thing_id: int) -> None:
+        """A thing is carried away. ValueError for what is not there or part of the shell."""
+        self._renew(without(self.building, thing_id))
+
+    def place(self, item: Item, x_m: float, y_m: float, z_m: float = 0.0, yaw_rad: float = 0.0) -> int:
+        """Another thing is brought; returns its id. ValueError where the robot stands in the way."""
+        self._last_id += 1
+        thing, body = made(self.building, self._last_id, item, (x_m, y_m, z_m, yaw_rad))
+        self._renew(with_thing(self.building, thing, body, self.robot.pose[:2]))
+        return thing.id
+
+    def move(self, thing_id: int, x_m: float, y_m: float, z_m: float | None = None, turn_rad: float = 0.0) -> None:
+        """A thing is put elsewhere: its middle at (x, y), its lowest point at z (None: as before), turned about its middle."""
+        old_z = float(thing_of(self.building, thing_id).aabb_min_m[2])
+        thing, body = shifted(self.building, thing_id, (x_m, y_m, old_z if z_m is None else z_m), turn_rad)
+        self._renew(with_thing(without(self.building, thing_id), thing, body, self.robot.pose[:2]))
+
+    def walk(self, item: Item, path_xy: Sequence[Sequence[float]], speed_m_s: float = 1.0) -> int:
+        """Somebody walks along a path, seen by the sensors, and is out of sight at its end; returns their id."""
+        self._last_id += 1
+        thing, body = made(self.building, self._last_id, item, (0.0, 0.0, 0.0, 0.0))
+        self._walks.append(Walk(thing, body, np.array(path_xy, np.float64), speed_m_s, self.now_ns))
+        self._detector.renew((*self.building.things, *(walk.thing for walk in self._walks)))
+        return thing.id
+
+    def _renew(self, building: Building) -> None:
+        self.building = building
+        self.robot.obstacles = building.obstacles
+        self._detector.renew((*building.things, *(walk.thing for walk in self._walks)))
+        if self._eyes is not None:
+            self._eyes.renew(building)
+
+    def _walk_on(self, eyes: Eyes) -> None:
+        for walk in self._walks:
+            eyes.show(walk.thing.id, walk.body, walk.place(self.now_ns))
+        self._walks = [walk for walk in self._walks if walk.place(self.now_ns) is not None]
 
     def state(self) -> dict[str, Any]:
         """What ``irs/<robot>/sim/state`` says besides its header."""
@@ -226,6 +268,7 @@ class World:
         """The turn that ends now; its header stamp is the turn's start."""
         stamp_ns = self.now_ns - _ns(self.settings.lidar.period_s)
         poses = self.true_poses(eyes.column_times_s(), stamp_ns)
+        self._walk_on(eyes)
         rng = np.random.default_rng([self._seed, 2, (self.now_ns - self.start_ns) // _TICK_NS])
         phase = -np.pi + float(rng.uniform(0, 2 * np.pi / self.settings.lidar.columns))
         sweep = eyes.sweep(stamp_ns, poses, phase, rng)
@@ -240,6 +283,7 @@ class World:
 
     def _picture(self, eyes: Eyes) -> list[WorldMessage]:
         """Picture and calibration now, detections when the detector has thought about it."""
+        self._walk_on(eyes)
         self._shots += 1
         rng = np.random.default_rng([self._seed, 3, self._shots])
         exposure = eyes.expose(self.now_ns, pose_from_xy_yaw(*self.robot.pose.tolist()), rng)
