@@ -93,6 +93,8 @@ class Detections:
     ids_px: uint16 [H, W], 0 = nothing, else the number of the detection that owns the pixel (numbers mean nothing across frames).
     number: int32 [n], the values that occur in ids_px. score: float32 [n] in 0..1. label: n names.
     top_labels: per detection, (name, score) best first, at least one. embedding: float32 [n, D], unit length, or None.
+    measured: bool [n], False where the embedding is what is known of the thing already, not seen in this picture; None: all are.
+    unsure_px: bool [H, W], True where something was found and not looked into, so that nothing follows from it; None: nowhere.
     """
 
     stamp_ns: int
@@ -103,6 +105,8 @@ class Detections:
     label: tuple[str, ...]
     top_labels: tuple[tuple[tuple[str, float], ...], ...]
     embedding: NDArray[np.float32] | None
+    measured: NDArray[np.bool_] | None = None
+    unsure_px: NDArray[np.bool_] | None = None
 
 
 Sensed = LidarScan | CameraImage | CameraModel | OdomSample | StaticTransform | Detections
@@ -254,6 +258,22 @@ class InstanceState:
     first_seen_ns: int
     last_seen_ns: int
     state: str = "present"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownThings:
+    """The instances that own some of K map points, as perception needs them to see only what is new.
+
+    of_point: int32 [K], row of the point's owner, -1 = nobody's. id: int64 [k]. embedding: float32 [k, D], unit length, zero where
+    there is none of that D. looks: int32 [k], pictures whose embedding is in it. observations: int32 [k]. last_seen_ns: int64 [k].
+    """
+
+    of_point: NDArray[np.int32]
+    id: NDArray[np.int64]
+    embedding: NDArray[np.float32]
+    looks: NDArray[np.int32]
+    observations: NDArray[np.int32]
+    last_seen_ns: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,8 @@ class LiftSettings:
 class LiftedMask:
     """One detection as map points: points_map float32 [n, 3]; flat = it lies within a structure's plane.
 
-    labels: (name, score) best first; embedding: float32 [D] unit length as the detector gave it, or None.
+    labels: (name, score) best first; embedding: float32 [D] unit length as the detector gave it, or None; measured: it is of this
+    picture, not what was known already.
     """
 
     number: int
@@ -65,6 +66,7 @@ class LiftedMask:
     score: float
     embedding: Floats | None
     flat: bool
+    measured: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,14 +98,15 @@ def lift(view: CameraView, points_map: Floats, structure: NDArray[np.uint8], set
     empty = LiftedView(view.stamp_ns, (), np.zeros((0, 3), np.float32))
     if detections is None or not len(points_map):
         return empty
-    index, pixel, depth = project(points_map, view.map_T_camera, view.camera, settings.max_range_m)
+    index, pixel, depth = points_in_sight(view, points_map, settings)
     if not len(index):
         return empty
     hw = (view.camera.height_px, view.camera.width_px)
     focal_px = float(view.camera.matrix[0, 0])
-    seen = unoccluded(pixel, depth, hw, focal_px, settings)
-    index, pixel, depth = index[seen], pixel[seen], depth[seen]
     number, certain = mask_of_points(detections.ids_px, pixel, hw, settings)
+    if detections.unsure_px is not None:
+        column, row = np.clip(np.round(pixel).astype(np.int64), 0, (hw[1] - 1, hw[0] - 1)).T
+        certain &= (number > 0) | ~detections.unsure_px[row, column]
     points, labels = points_map[index], structure[index]
     # A point stands for the pixels of its own size; a mask that its points can't account for is out of the map's sight.
     point_px = (settings.splat_m * focal_px / depth) ** 2
@@ -122,11 +125,24 @@ def lift(view: CameraView, points_map: Floats, structure: NDArray[np.uint8], set
     return LiftedView(view.stamp_ns, tuple(masks), points[certain])
 
 
+def points_in_sight(
+    view: CameraView, points_map: Floats, settings: LiftSettings
+) -> tuple[Ints, NDArray[np.float64], NDArray[np.float64]]:
+    """Which map points the camera sees, none hidden behind others: (index [M], pixel (u, v) float64 [M, 2], depth_m [M])."""
+    index, pixel, depth = project(points_map, view.map_T_camera, view.camera, settings.max_range_m)
+    if not len(index):
+        return index, pixel, depth
+    hw, focal_px = (view.camera.height_px, view.camera.width_px), float(view.camera.matrix[0, 0])
+    seen = unoccluded(pixel, depth, hw, focal_px, settings)
+    return index[seen], pixel[seen], depth[seen]
+
+
 def _mask(detections: Detections, k: int, points: Floats, flat: bool) -> LiftedMask:
     score = float(detections.score[k])
     labels = detections.top_labels[k] or ((detections.label[k], score),)
     embedding = None if detections.embedding is None else detections.embedding[k]
-    return LiftedMask(int(detections.number[k]), points, labels, score, embedding, flat)
+    measured = detections.measured is None or bool(detections.measured[k])
+    return LiftedMask(int(detections.number[k]), points, labels, score, embedding, flat, measured)
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels

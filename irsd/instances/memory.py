@@ -14,9 +14,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.types import CameraView, InstanceState, InstanceUpdate, Rooms
+from irsd.core.types import CameraView, InstanceState, InstanceUpdate, KnownThings, Rooms
 from irsd.instances.associate import add_meanings, alike, match
 from irsd.instances.change import ChangeWatch
+from irsd.instances.known import known_things
 from irsd.instances.lift import LiftedView
 from irsd.instances.record import Embed, Instance, Names
 from irsd.instances.room_prior import room_of, rooms_of_all
@@ -83,8 +84,14 @@ class InstanceMemory:
             slots[k] = self._create(view.stamp_ns, masks[k].points_map).slot
         for slot, mask in zip(slots.tolist(), masks, strict=True):
             self._add_observation(self._roster.by_slot[slot], mask.labels, view.stamp_ns)
-        add_meanings(self._roster.things, slots, meanings, dims)
+        # What was matched by what is known of it adds nothing to that.
+        measured = np.array([m.measured for m in masks], np.bool_)
+        add_meanings(self._roster.things, slots, meanings, dims * measured)
         self._add_evidence(rows, starts, slots, shown)
+
+    def known(self, points_map: Floats, dimension: int) -> KnownThings:
+        """The instances that own map points float32 [K, 3], with their embeddings of that ``dimension``."""
+        return known_things(self._voxels, self._roster, points_map, dimension)
 
     def _add_observation(self, instance: Instance, labels: Sequence[tuple[str, float]], stamp_ns: int) -> None:
         if instance.last_view != self._views:  # both halves of a split mask are one observation

@@ -16,6 +16,7 @@ from irsd.instances.voxels import (
     gather,
     new_cells,
     new_table,
+    owners,
     refill,
     sight,
     take_row,
@@ -45,6 +46,10 @@ class VoxelMemory:
     def sight(self, rows: Rows, points: Floats, view: int) -> Rows:
         """See ``voxels.sight``: all known voxels that a picture shows."""
         return sight(self._table, self.cells, rows, points, self.per_m, view)
+
+    def owners(self, points: Floats) -> Rows:
+        """See ``voxels.owners``: slots [K] of those that points lie in, -1 = nobody."""
+        return owners(self._table, self.cells, points, self.per_m)
 
     def find(self, keys: Ints) -> Rows:
         """Rows [N] of keys [N], -1 where a voxel has none."""

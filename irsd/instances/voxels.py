@@ -250,6 +250,23 @@ def sight(table: Table, cells: Cells, rows: Rows, points: Floats, per_m: float, 
 
 
 @kernel
+def owners(table: Table, cells: Cells, points: Floats, per_m: float) -> Rows:
+    """Slot int32 [K] of the best claim on each point's voxel, -1 where nobody has one."""
+    out = np.full(len(points), -1, np.int32)
+    for p in range(len(points)):
+        row = find_key(table.key, table.row, pack_key(points[p, 0], points[p, 1], points[p, 2], per_m))
+        if row < 0:
+            continue
+        best = 0.0
+        for c in range(CLAIMS):
+            slot = cells.owner[row, c]
+            share = cells.hits[row, c] / max(float(cells.seen[row, c]), 1.0)
+            if slot >= 0 and share > best:
+                best, out[p] = share, slot
+    return out
+
+
+@kernel
 def halve(hits: NDArray[np.uint16], seen: NDArray[np.uint16], row: int) -> None:
     """Keep the ratios of evidence and make room for more."""
     for c in range(CLAIMS):

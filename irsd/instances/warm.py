@@ -30,6 +30,7 @@ def warm_up() -> None:
         lifted = tuple(LiftedMask(k, points, (("thing", 1.0),), 1.0, None, False) for k, points in enumerate(masks))
         memory.observe(CameraView(stamp_ns, np.eye(4), camera, None, None), LiftedView(stamp_ns, lifted, cube), rooms)
         memory.collect(stamp_ns)
+    memory.known(cube, 8)
     memory.watch(np.zeros(3), cube + np.float32(1.0), len(clouds))
     InstanceMemory(FusionSettings(), _embed).restore(memory.states())
     ids = np.zeros((8, 8), np.uint16)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -234,3 +236,25 @@ def test_same_input_same_bytes_and_order_of_points_does_not_matter() -> None:
     mixed = lift(view(ids, {9: "box", 2: "bag"}), points[order], other(points), SETTINGS)
     for a, b in zip(one, mixed, strict=True):
         assert sorted(map(tuple, a.points_map.tolist())) == sorted(map(tuple, b.points_map.tolist()))
+
+
+def test_nothing_follows_from_where_a_detector_found_something_and_did_not_look_into_it() -> None:
+    points = wall(2, 1, 1)
+    ids = np.zeros((240, 320), np.uint16)
+    ids[100:140, 100:140] = 1
+    unsure = np.zeros((240, 320), np.bool_)
+    unsure[:, :160] = True
+    seen = view(ids, {1: "chair"})
+    assert seen.detections is not None
+    all_sure = lift(seen, points, other(points), SETTINGS)
+    half_sure = lift(
+        dataclasses.replace(seen, detections=dataclasses.replace(seen.detections, unsure_px=unsure)),
+        points,
+        other(points),
+        SETTINGS,
+    )
+    np.testing.assert_array_equal(half_sure.masks[0].points_map, all_sure.masks[0].points_map)
+    outside = half_sure.seen_map[half_sure.seen_map[:, 0] < -0.62]  # left of the mask, where it is unsure
+    assert len(outside) == 0
+    assert (all_sure.seen_map[:, 0] < -0.62).sum() > 100
+    assert (half_sure.seen_map[:, 0] > 0.1).sum() > 100

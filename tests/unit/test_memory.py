@@ -287,3 +287,29 @@ def test_embeddings_of_the_detector_are_averaged() -> None:
     (state,) = world.collect().changed
     assert state.embedding is not None
     np.testing.assert_allclose(state.embedding, [1.0, 0.0], atol=1e-6)
+
+
+def test_what_is_known_of_points_is_who_owns_them_and_how_well_its_meaning_is_known() -> None:
+    world = World()
+    world.look(("chair", box(0)), ("lamp", box(2)), times=3)
+    points = np.concatenate([box(0)[:5], box(2)[:5], box(5)[:5]])
+    known = world.memory.known(points, 8)
+    assert known.id.tolist() == [1, 2]
+    assert known.of_point.tolist() == [0] * 5 + [1] * 5 + [-1] * 5
+    assert known.looks.tolist() == [3, 3]
+    np.testing.assert_allclose(known.embedding, embed(["chair", "lamp"]))
+    other_space = world.memory.known(points, 16)
+    assert other_space.looks.tolist() == [0, 0]
+    assert not other_space.embedding.any()
+    assert len(world.memory.known(points[:0], 8).id) == 0
+
+
+def test_an_embedding_that_was_not_measured_matches_and_adds_nothing() -> None:
+    world = World()
+    world.look(("chair", box(0)), times=3)
+    known = world.memory.known(box(0), 8)
+    mask = LiftedMask(1, box(0), (("chair", 0.8),), 0.8, known.embedding[0], False, measured=False)
+    view = CameraView(world.stamp + 1, np.eye(4), CAMERA, None, None)
+    world.memory.observe(view, LiftedView(view.stamp_ns, (mask,), box(0)), None)
+    again = world.memory.known(box(0), 8)
+    assert (again.id.tolist(), again.looks.tolist(), again.observations.tolist()) == ([1], [3], [4])
