@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: help install demo test check bench format lock clean
+.PHONY: help install demo test check bench fixtures format lock clean
 
 help:  ## show the commands
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -38,6 +38,14 @@ check: install  ## formatting, lint, types, architecture
 bench: install  ## print the benchmark tables (needs the recordings; see benchmarks/)
 	$(BIN)/python benchmarks/replay.py
 
+fixtures: .venv-fixtures/.installed  ## make the contract tests' tiny models and reference results anew (torch, in its own environment)
+	cd tests/contract && OMP_NUM_THREADS=1 ../../.venv-fixtures/bin/python make_fixtures.py $(FAMILIES)
+
+.venv-fixtures/.installed: tests/contract/fixture_makers/requirements.txt
+	$(PYTHON) -m venv .venv-fixtures
+	.venv-fixtures/bin/python -m pip install --disable-pip-version-check -q -r $<
+	@touch $@
+
 format: install  ## apply the formatter
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -50,4 +58,4 @@ lock:  ## resolve pyproject.toml anew into requirements.lock
 	rm -rf $(VENV)/lock
 
 clean:  ## remove everything that was built
-	rm -rf $(VENV) build demo *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-fixtures build demo *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

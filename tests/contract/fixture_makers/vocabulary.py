@@ -1,0 +1,70 @@
+"""Cut-down vocabularies for the real tokenizer classes: a few hundred pieces learnt from names of things."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+from contract_fixtures import ODD_TEXTS
+from transformers import CLIPTokenizer, CLIPTokenizerFast
+from transformers.models.clip.tokenization_clip import bytes_to_unicode
+
+THINGS = """chair, office chair, table, bedside table, desk, sofa, bed, lamp, potted plant, television, monitor, keyboard,
+    fire extinguisher, trash can, refrigerator, kitchen sink, toilet, door, window, cabinet, bookshelf, cardboard box,
+    coffee machine, microwave oven, washing machine, whiteboard, backpack, bicycle, stairs, person"""
+CORPUS = (*ODD_TEXTS, *(f"a photo of a {thing.strip()}" for thing in THINGS.split(",")))
+SPECIALS = ("<|startoftext|>", "<|endoftext|>")
+
+
+def clip_tokenizer(folder: Path, scratch: Path, merges: int = 300) -> CLIPTokenizer:
+    """CLIP's byte-level BPE with few merges. Writes tokenizer.json, as repositories hold it; returns the slow tokenizer, another
+    implementation (no tokenizer.json in it) of what is to come out."""
+    letters = list(bytes_to_unicode().values())
+    alphabet = [*letters, *(letter + "</w>" for letter in letters)]
+    blank = CLIPTokenizerFast(*_write(scratch, alphabet, [])).backend_tokenizer
+    words: Counter[tuple[str, ...]] = Counter()
+    for text in CORPUS:
+        for word, _ in blank.pre_tokenizer.pre_tokenize_str(blank.normalizer.normalize_str(text)):
+            words[(*word[:-1], word[-1] + "</w>")] += 1
+    files = _write(scratch, alphabet, learn_merges(words, merges))
+    CLIPTokenizerFast(*files).backend_tokenizer.save(str(folder / "tokenizer.json"), pretty=False)
+    return CLIPTokenizer(*files)
+
+
+def learn_merges(words: Counter[tuple[str, ...]], most: int) -> list[tuple[str, str]]:
+    """Byte pair encoding (Sennrich et al. 2016); among equally frequent pairs the first in the alphabet, so that all runs agree."""
+    found: list[tuple[str, str]] = []
+    while len(found) < most:
+        pairs: Counter[tuple[str, str]] = Counter()
+        for word, count in words.items():
+            for pair in pairwise(word):
+                pairs[pair] += count
+        if not pairs:
+            break
+        best = min(pairs, key=lambda pair: (-pairs[pair], pair))
+        found.append(best)
+        merged: Counter[tuple[str, ...]] = Counter()
+        for word, count in words.items():
+            merged[_merge(word, best)] += count
+        words = merged
+    return found
+
+
+def _merge(word: tuple[str, ...], pair: tuple[str, str]) -> tuple[str, ...]:
+    out: list[str] = []
+    for piece in word:
+        if out and (out[-1], piece) == pair:
+            out[-1] += piece
+        else:
+            out.append(piece)
+    return tuple(out)
+
+
+def _write(folder: Path, alphabet: list[str], merges: list[tuple[str, str]]) -> tuple[str, str]:
+    pieces = dict.fromkeys([*alphabet, *map("".join, merges), *SPECIALS])
+    vocabulary, rules = folder / "vocab.json", folder / "merges.txt"
+    vocabulary.write_text(json.dumps({piece: number for number, piece in enumerate(pieces)}))
+    rules.write_text("\n".join(["#version: 0.2", *map(" ".join, merges)]) + "\n")
+    return str(vocabulary), str(rules)
