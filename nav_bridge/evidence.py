@@ -1,6 +1,7 @@
-"""What speaks for a thing being what a word says, and for its standing in a room of the kind a word says.
+"""What speaks for things being what a word says: their labels by alias table first, then by embedding, and their attributes.
 
-Names are compared by alias table first, then by embedding; the table's word is final where it knows both names.
+The table's word is final where it knows both names. All things of a graph are judged at once: a name is compared with every label
+that occurs, and a thing has the grades of its labels by their shares.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irsd.core.settings import setting
-from irsd.graph.model import GraphSnapshot, InstanceNode, RoomNode
+from irsd.graph.model import GraphSnapshot, RoomNode
 from irsd.perception.encoder import LabelEncoder
+from nav_bridge.index import Index, index_of
 from nav_bridge.language import Phrase
-from nav_bridge.relations import box_of, on_floor, plan_gap
+from nav_bridge.places import Places
+from nav_bridge.relations import on_floor
 from nav_bridge.words import ATTRIBUTES, fold
 
 
@@ -37,40 +41,44 @@ class EvidenceSettings:
 
 # Families too wide for two names in them to mean one thing.
 _BROAD = frozenset({"furniture", "appliance", "electronics", "container", "tool", "toy", "decoration", "light"})
-# What hangs or stands about anywhere tells nothing of the room it is in.
-_ANYWHERE = frozenset({"decoration", "light"})
-# Things that belong in one kind of room: elsewhere they are not looked for.
-_BOUND = frozenset(
-    {
-        "bed", "nightstand", "wardrobe", "toilet", "urinal", "bathtub", "shower", "bathroom sink", "stove", "cooktop", "oven",
-        "range hood", "refrigerator", "freezer", "dishwasher", "kitchen sink", "kitchen cabinet", "kitchen counter",
-        "washing machine", "tumble dryer", "dining table", "fume hood",
-    }
-)  # fmt: skip
 _BY_HEIGHT: Mapping[str, bool] = MappingProxyType({"standing": True, "wall-mounted": False})
 UNTOLD = 0.5  # weight of an attribute that nothing is known about
 MATCH = 0.6  # grade from which a name counts as said
 MAYBE = 0.3  # grade from which it counts as perhaps meant
+_MAX_PHRASES = 256  # whose grades are kept
 
 
 class Knowledge:
-    """The alias table and text encoder as the resolver asks them; caches what it was asked. One owner, one thread."""
+    """The alias table and text encoder as the resolver asks them; keeps what it was asked. One owner, one thread."""
 
     def __init__(self, encoder: LabelEncoder, settings: EvidenceSettings) -> None:
         self.names = encoder.aliases
+        self.places = Places(encoder, settings.neighbourhood_m)
         self._encoder = encoder
         self._settings = settings
-        self._grades: dict[tuple[str, str, str], float] = {}
-        self._kinds_of: dict[str, tuple[str, ...]] = {}
+        self._grades: dict[tuple[str, str], dict[str, float]] = {}
+        self._senses: dict[str, tuple[str, ...]] = {}
+        self._index: Index | None = None
+
+    def follow(self, graph: GraphSnapshot) -> Index:
+        """The index of a graph, made from that of its last revision; what is asked next is then answered without delay."""
+        if self._index is None or self._index.graph is not graph:
+            self._index = index_of(graph, self._index)
+            self.places.follow(self._index)
+        return self._index
 
     # ------------------------------------------------------------------------------------------------- names of things
     def grade(self, phrase: Phrase, label: str) -> float:
         """0..1: does a label mean what the phrase says. 1 same name, 0.9 a kind of it, >= MATCH taken for it, >= MAYBE perhaps."""
-        key = (phrase.name, phrase.head, label)
-        found = self._grades.get(key)
+        key = (phrase.name, phrase.head)
+        known = self._grades.get(key)
+        if known is None:
+            if len(self._grades) >= _MAX_PHRASES:
+                self._grades.pop(next(iter(self._grades)))
+            known = self._grades[key] = {}
+        found = known.get(label)
         if found is None:
-            found = self._grade(phrase, label)
-            self._grades[key] = found
+            found = known[label] = self._grade(phrase, label)
         return found
 
     def _grade(self, phrase: Phrase, label: str) -> float:
@@ -88,7 +96,7 @@ class Knowledge:
         return grade
 
     def _grade_known(self, wanted: str, senses: Sequence[str], seen: str) -> float:
-        meant = self.names.senses(seen)
+        meant = self._senses_of(seen)
         for rank, sense in enumerate(senses):
             weight = 1.0 if rank == 0 else 0.85
             if sense in meant:
@@ -121,21 +129,32 @@ class Knowledge:
             return 0.7 + 0.2 * (cosine - match) / max(1e-6, 1.0 - match)
         return 0.35 + 0.1 * (cosine - self._settings.maybe_cosine) if cosine >= self._settings.maybe_cosine else 0.0
 
-    def label_score(self, phrase: Phrase, node: InstanceNode) -> float:
-        """0..1: how much of what was said about an instance means the phrase."""
-        labels = node.labels or ((node.label, 1.0),)
-        total = sum(score for _, score in labels)
-        if total <= 0:
-            return 0.0
-        shares = [(self.grade(phrase, name), score / total) for name, score in labels]
-        said = sum(grade * share for grade, share in shares if grade >= MATCH)
-        perhaps = sum(grade * share for grade, share in shares if MAYBE <= grade < MATCH)
-        score = said + perhaps if said >= 0.3 else max(said, min(said + perhaps, 0.44))
+    def _senses_of(self, folded: str) -> tuple[str, ...]:
+        found = self._senses.get(folded)
+        if found is None:
+            if len(self._senses) >= 64 * _MAX_PHRASES:  # labels come from outside: they must not fill the memory
+                self._senses.clear()
+            found = self._senses[folded] = self.names.senses(folded)
+        return found
+
+    def label_scores(self, phrase: Phrase, index: Index) -> NDArray[np.float64]:
+        """[N] 0..1: how much of what was said about each thing means the phrase."""
+        if not len(index):
+            return np.zeros(0)
+        grades = np.array([self.grade(phrase, name) for name in index.names])
+        of_label, first = grades[index.name], index.begin[:-1]
+        said = index.per_thing(np.where(of_label >= MATCH, of_label * index.share, 0.0))
+        perhaps = index.per_thing(np.where((of_label >= MAYBE) & (of_label < MATCH), of_label * index.share, 0.0))
+        scores = np.where(said >= 0.3, said + perhaps, np.maximum(said, np.minimum(said + perhaps, 0.44)))
         # A rarer name that was given several times, for a thing whose usual name is related, is a second name and no slip.
-        second = max((share for grade, share in shares if grade >= 0.8), default=0.0)
-        if score < 0.5 and second >= 0.03 and second * node.observations >= 2.0 and self._related(phrase, labels[0][0]):
-            score = max(score, 0.5)
-        return min(1.0, score)
+        second = np.maximum.reduceat(np.where(of_label >= 0.8, index.share, 0.0), first)
+        doubtful = np.flatnonzero((scores < 0.5) & (second >= 0.03) & (second * index.observations >= 2.0))
+        usual, names = index.first_name[doubtful], tuple(index.names)
+        related = {k: self._related(phrase, names[k]) for k in np.unique(usual)}
+        for row, name in zip(doubtful, usual, strict=True):
+            if related[name]:
+                scores[row] = 0.5
+        return np.minimum(1.0, scores)
 
     def _related(self, phrase: Phrase, label: str) -> bool:
         """Whether a name may be a second name of what is usually called label: same family, or close in meaning."""
@@ -147,91 +166,37 @@ class Knowledge:
         va, vb = self._encoder.encode([phrase.name, label])
         return float(va @ vb) >= self._settings.maybe_cosine
 
-    def attribute_score(self, wanted: Sequence[tuple[str, str]], node: InstanceNode, floor_z_m: float) -> float:
-        """How far an instance has the attributes: 1 named so by its labels (or seen so), 0.5 nothing known, 0.1 named otherwise."""
-        score = 1.0
+    # ----------------------------------------------------------------------------------------------------- attributes
+    def attribute_scores(
+        self, wanted: Sequence[tuple[str, str]], rows: NDArray[np.intp], index: Index
+    ) -> NDArray[np.float64]:
+        """[n] how far things have the attributes: 1 named so by their labels (or seen so), 0.5 nothing known, 0.1 named otherwise."""
+        scores = np.ones(len(rows))
         told = (
-            [ATTRIBUTES[t] for name, _ in node.labels for t in fold(name).split() if t in ATTRIBUTES] if wanted else []
+            [{ATTRIBUTES[t] for t in fold(name).split() if t in ATTRIBUTES} for name in index.names] if wanted else []
         )
+        floors = np.array([room.floor_z_m for room in index.graph.rooms] + [0.0])[index.room[rows]]
         for group, value in wanted:
             if group == "size":
                 continue  # sizes are compared between candidates
-            stands = on_floor(box_of(node), floor_z_m)
-            if (group, value) in told:
-                continue
-            if value in _BY_HEIGHT:
-                score *= max(0.1, stands if _BY_HEIGHT[value] else 1.0 - stands)
-            elif group == "colour" and any(g == group for g, _ in told):
-                score *= 0.1
+            so = self._told(index, [(group, value) in said for said in told])[rows]
+            if group == "place":
+                factor = np.where(self.places.leads_out(rows, index), 1.0, 0.1)
+            elif value in _BY_HEIGHT:
+                stands = on_floor(index.boxes.take(rows), floors)
+                factor = np.where(so, 1.0, np.maximum(0.1, stands if _BY_HEIGHT[value] else 1.0 - stands))
             else:
-                score *= UNTOLD
-        return score
+                other = self._told(index, [any(g == group for g, _ in said) for said in told])[rows]
+                factor = np.where(so, 1.0, np.where(other & (group == "colour"), 0.1, UNTOLD))
+            scores *= factor
+        return scores
 
-    # -------------------------------------------------------------------------------------------------- kinds of rooms
+    def _told(self, index: Index, names: Sequence[bool]) -> NDArray[np.bool_]:
+        """[N] whether a thing has one of the labels that are marked."""
+        marked = np.array(names, np.float64)
+        return np.asarray(index.per_thing(marked[index.name]) > 0)
+
+    # ---------------------------------------------------------------------------------------------------------- rooms
     def room_grade(self, wanted: str, room: RoomNode) -> float:
         """0..1: is a room of the kind asked for, by its own labels alone."""
-        if fold(wanted) == fold(room.label) or fold(wanted) == fold(room.id):
-            return 1.0
-        kind = self.names.canonical_room(wanted)
-        if kind == self.names.canonical_room(room.label):
-            return 0.9
-        best = max((score for _, score in room.labels), default=0.0)
-        for name, score in room.labels:
-            if self.names.canonical_room(name) == kind and best > 0:
-                return 0.6 * max(0.0, (score / best - 0.5) / 0.5)
-        if not self.names.known_room(wanted) and room.label != "room":
-            va, vb = self._encoder.encode_rooms([wanted, room.label])
-            cosine = float(va @ vb)
-            return cosine if cosine >= 0.75 else 0.0
-        return 0.0
-
-    def kinds_of(self, label: str) -> tuple[str, ...]:
-        """Kinds of rooms a thing is typical of, sorted by the table; empty when it is typical of none."""
-        found = self._kinds_of.get(label)
-        if found is None:
-            thing = self.names.canonical(label)
-            family = {thing, *self.names.ancestors(label)}
-            found = tuple(
-                kind
-                for kind in self.names.rooms
-                if (about := self.names.find_room_kind(kind))
-                and any(self.names.canonical(o) in family for o in about.objects)
-            )
-            self._kinds_of[label] = found
-        return found
-
-    def belongs(self, label: str, wanted: str) -> bool | None:
-        """Whether a thing belongs in a kind of room: True typical of it, False bound to another kind, None it may be anywhere."""
-        if self.names.canonical_room(wanted) in self.kinds_of(label):
-            return True
-        return False if self.names.canonical(label) in _BOUND else None
-
-    def surroundings(self, node: InstanceNode, graph: GraphSnapshot) -> Mapping[str, float]:
-        """Votes per kind of room of the things round an instance (and of itself, if it is bound to a kind), shared by their kinds."""
-        votes: dict[str, float] = {}
-        own, reach = box_of(node), self._settings.neighbourhood_m
-        for other in graph.instances:
-            if other.room != node.room or other.state == "gone":
-                continue
-            away = float(np.hypot(other.centroid_m[0] - node.centroid_m[0], other.centroid_m[1] - node.centroid_m[1]))
-            if away > 4 * reach + max(*other.obb_size_m[:2], *own.size_m[:2]):
-                continue
-            if other.id == node.id and self.names.canonical(other.label) not in _BOUND:
-                continue
-            kinds = () if _ANYWHERE & set(self.names.ancestors(other.label)) else self.kinds_of(other.label)
-            for kind in kinds:
-                gap = plan_gap(own, box_of(other))
-                votes[kind] = votes.get(kind, 0.0) + float(np.exp(-gap / reach)) / len(kinds)
-        return votes
-
-    def in_room_score(self, wanted: str, node: InstanceNode, graph: GraphSnapshot) -> float:
-        """0..1: does an instance stand in a room of the kind asked for; from the room's labels and, softly, from what is round it."""
-        rooms = {room.id: room for room in graph.rooms}
-        room = rooms.get(node.room or "")
-        by_room = self.room_grade(wanted, room) if room is not None else 0.0
-        if fold(wanted) == fold(node.room or ""):
-            return 1.0
-        votes = self.surroundings(node, graph)
-        most = max(votes.values(), default=0.0)
-        by_things = votes.get(self.names.canonical_room(wanted), 0.0) / most if most >= 0.15 else 0.0
-        return 1.0 - (1.0 - 0.95 * by_room) * (1.0 - 0.7 * by_things)
+        return self.places.grade(wanted, room)

@@ -130,9 +130,9 @@ class Geofence:
                     zone |= in_polygon(xy, room.polygon_xy).reshape(zone.shape)
             return zone
         phrase = noun_phrase(rule.name.split(), "en", self._knowledge.names)
-        for node in graph.instances:
-            named = node.id.casefold() == rule.name or self._knowledge.label_score(phrase, node) >= _NAMED
-            if named and node.state != "gone":
+        labels = self._knowledge.label_scores(phrase, self._knowledge.follow(graph))
+        for node, label in zip(graph.instances, labels, strict=True):
+            if (node.id.casefold() == rule.name or label >= _NAMED) and node.state != "gone":
                 zone |= (_to_box(xy, node) <= rule.metres).reshape(zone.shape)
         return zone
 

@@ -44,12 +44,14 @@ class Phrase:
 @dataclass(frozen=True, slots=True)
 class Relation:
     """How the goal lies to others. kind: near, at, on, under, above, front, behind, between, in, with, without, has_on, has_under,
-    nearest, farthest (with anchors), corner, middle, floor, wall, ceiling (without). room: the anchor is a room of this name."""
+    left, right, nearest, farthest (with anchors), corner, middle, floor, wall, ceiling (without). room: the anchor is a room of this
+    name. seen_from: "door" or "robot" where it is said from where left is left, "" where it is not."""
 
     kind: str
     anchors: tuple[Phrase, ...] = ()
     negated: bool = False
     room: str = ""
+    seen_from: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""How well two things stand to each other as a relation says: scores 0..1 from upright boxes. Pure functions.
+"""How well things stand to each other as a relation says: scores 0..1 from upright boxes, many pairs at once. Pure functions.
 
-A box is ``Box``: centre, size and yaw of an upright (z up) box in the map frame, metres. Scores fall smoothly, so that of several
-candidates the one that fits best wins by comparison and not by a sharp limit.
+``a`` and ``b`` are ``Boxes`` of the same length (or of length 1, which stands for all): pair k is a[k], b[k]. Scores fall smoothly, so
+that of several candidates the one that fits best wins by comparison and not by a sharp limit. Map frame, metres.
 """
 
 from __future__ import annotations
@@ -14,144 +14,207 @@ from numpy.typing import NDArray
 
 from irsd.graph.model import InstanceNode, RoomNode
 
+Floats = NDArray[np.float64]
+_LATTICE = 9  # places per side at which a footprint is probed
+
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """center (x, y, z), size (along its own x, y, z), yaw_rad about z."""
+class Boxes:
+    """Upright (z up) boxes. center_m, size_m: float64 [n, 3], size along the box's own axes; yaw_rad: float64 [n] about z."""
 
-    center_m: tuple[float, float, float]
-    size_m: tuple[float, float, float]
-    yaw_rad: float = 0.0
+    center_m: Floats
+    size_m: Floats
+    yaw_rad: Floats
+
+    def __len__(self) -> int:
+        return len(self.yaw_rad)
+
+    def take(self, rows: NDArray[np.intp] | Sequence[int]) -> Boxes:
+        """The boxes of these rows, in this order."""
+        return Boxes(self.center_m[rows], self.size_m[rows], self.yaw_rad[rows])
 
     @property
-    def bottom_m(self) -> float:
-        return self.center_m[2] - self.size_m[2] / 2
+    def bottom_m(self) -> Floats:
+        return np.asarray(self.center_m[:, 2] - self.size_m[:, 2] / 2)
 
     @property
-    def top_m(self) -> float:
-        return self.center_m[2] + self.size_m[2] / 2
+    def top_m(self) -> Floats:
+        return np.asarray(self.center_m[:, 2] + self.size_m[:, 2] / 2)
+
+    @property
+    def radius_m(self) -> Floats:
+        """[n] of the circle round the centre that holds the footprint."""
+        return np.asarray(np.hypot(self.size_m[:, 0], self.size_m[:, 1]) / 2)
 
 
-def box_of(node: InstanceNode) -> Box:
-    """The box of an instance: its upright oriented box."""
-    return Box(node.obb_center_m, node.obb_size_m, node.obb_yaw_rad)
+def boxes(rows: Sequence[tuple[Sequence[float], Sequence[float], float]]) -> Boxes:
+    """Boxes from (centre, size, yaw) each."""
+    centers = np.array([row[0] for row in rows], np.float64).reshape(-1, 3)
+    sizes = np.array([row[1] for row in rows], np.float64).reshape(-1, 3)
+    return Boxes(centers, sizes, np.array([row[2] for row in rows], np.float64))
 
 
-def room_box(room: RoomNode) -> Box:
-    """The box of a room: its AABB from floor to ceiling."""
-    x0, y0, x1, y1 = room.aabb_xy
-    ceiling = room.ceiling_z_m if room.ceiling_z_m is not None else room.floor_z_m + 2.5
-    height = ceiling - room.floor_z_m
-    return Box(((x0 + x1) / 2, (y0 + y1) / 2, room.floor_z_m + height / 2), (x1 - x0, y1 - y0, height))
+def boxes_of(nodes: Sequence[InstanceNode]) -> Boxes:
+    """The upright oriented boxes of instances."""
+    return boxes([(node.obb_center_m, node.obb_size_m, node.obb_yaw_rad) for node in nodes])
 
 
-def _to_local(box: Box, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    return np.asarray((xy - np.array(box.center_m[:2])) @ np.array([[c, -s], [s, c]]))
+def room_boxes(rooms: Sequence[RoomNode]) -> Boxes:
+    """The boxes of rooms: their AABB from floor to ceiling."""
+    rows = []
+    for room in rooms:
+        x0, y0, x1, y1 = room.aabb_xy
+        height = (room.ceiling_z_m if room.ceiling_z_m is not None else room.floor_z_m + 2.5) - room.floor_z_m
+        middle = ((x0 + x1) / 2, (y0 + y1) / 2, room.floor_z_m + height / 2)
+        rows.append((middle, (x1 - x0, y1 - y0, height), 0.0))
+    return boxes(rows)
 
 
-def _samples(box: Box, per_side: int = 9) -> NDArray[np.float64]:
-    """[per_side^2, 2] plan points on a lattice over the box."""
-    steps = np.linspace(-0.5, 0.5, per_side)
-    x, y = np.meshgrid(steps * box.size_m[0], steps * box.size_m[1])
-    c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    local = np.stack([x.ravel(), y.ravel()], 1)
-    return np.asarray(local @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2]))
+def _to_local(b: Boxes, xy: Floats) -> Floats:
+    """[n, k, 2] places [n, k, 2] in each box's own frame."""
+    c, s = np.cos(b.yaw_rad)[:, None], np.sin(b.yaw_rad)[:, None]
+    x, y = xy[..., 0] - b.center_m[:, None, 0], xy[..., 1] - b.center_m[:, None, 1]
+    return np.stack([c * x + s * y, c * y - s * x], -1)
 
 
-def _distance_to(box: Box, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[N] plan distance of points [N, 2] to a box, 0 inside."""
-    out = np.abs(_to_local(box, xy)) - np.array(box.size_m[:2]) / 2
-    return np.asarray(np.hypot(*np.clip(out, 0.0, None).T))
+def _places(a: Boxes, local: Floats) -> Floats:
+    """[n, k, 2] map places of [k, 2] places given in halves of each box's sides."""
+    c, s = np.cos(a.yaw_rad)[:, None], np.sin(a.yaw_rad)[:, None]
+    x, y = local[None, :, 0] * a.size_m[:, None, 0] / 2, local[None, :, 1] * a.size_m[:, None, 1] / 2
+    return np.stack([c * x - s * y + a.center_m[:, None, 0], s * x + c * y + a.center_m[:, None, 1]], -1)
 
 
-def plan_gap(a: Box, b: Box) -> float:
-    """Plan distance between two boxes, 0 when they overlap; exact to the lattice (an eighth of a side)."""
-    return float(min(_distance_to(b, _samples(a)).min(), _distance_to(a, _samples(b)).min()))
+_CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+_GRID = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, _LATTICE)] * 2), -1).reshape(-1, 2)
 
 
-def plan_overlap(a: Box, b: Box) -> float:
-    """Share of a's footprint that lies over b's, 0..1 (b widened by 5 cm for measuring errors)."""
-    return float((_distance_to(b, _samples(a)) <= 0.05).mean())
+def _out(b: Boxes, xy: Floats) -> Floats:
+    """[n, k] plan distance of places [n, k, 2] to each box, 0 inside."""
+    beyond = np.maximum(np.abs(_to_local(b, xy)) - b.size_m[:, None, :2] / 2, 0.0)
+    return np.asarray(np.hypot(beyond[..., 0], beyond[..., 1]))
 
 
-def _fall(value: float, good: float, none: float) -> float:
+def _apart(a: Boxes, b: Boxes) -> NDArray[np.bool_]:
+    """[n] whether an axis of b tells the footprints apart."""
+    local = _to_local(b, _places(a, _CORNERS))
+    half = b.size_m[:, :2] / 2
+    return np.asarray(((local.min(1) > half) | (local.max(1) < -half)).any(1))
+
+
+def plan_gap(a: Boxes, b: Boxes) -> Floats:
+    """[n] plan distance between two boxes, 0 when they overlap. Exact: the nearest place of two apart is a corner of one."""
+    away = np.minimum(_out(b, _places(a, _CORNERS)).min(1), _out(a, _places(b, _CORNERS)).min(1))
+    return np.asarray(np.where(_apart(a, b) | _apart(b, a), away, 0.0))
+
+
+def plan_overlap(a: Boxes, b: Boxes) -> Floats:
+    """[n] share of a's footprint that lies over b's, 0..1 (b widened by 5 cm for measuring errors)."""
+    return np.asarray((_out(b, _places(a, _GRID)) <= 0.05).mean(1))
+
+
+def _fall(value: Floats, good: float, none: float) -> Floats:
     """1 up to good, 0 from none on, straight between."""
-    return float(np.clip((none - value) / (none - good), 0.0, 1.0))
+    return np.asarray(np.clip((none - value) / (none - good), 0.0, 1.0))
 
 
-def near(a: Box, b: Box, good_m: float = 0.4, none_m: float = 2.5) -> float:
+def near(a: Boxes, b: Boxes, good_m: float = 0.4, none_m: float = 2.5) -> Floats:
     """Side by side in plan; what is on or hangs far above the other is less so."""
-    apart = max(a.bottom_m - b.top_m, b.bottom_m - a.top_m, 0.0)
+    apart = np.maximum(np.maximum(a.bottom_m - b.top_m, b.bottom_m - a.top_m), 0.0)
     return _fall(plan_gap(a, b), good_m, none_m) * _fall(apart, 1.0, 3.0)
 
 
-def on(a: Box, b: Box) -> float:
+def on(a: Boxes, b: Boxes) -> Floats:
     """a rests on or in b: over its footprint, its bottom between b's bottom and a little above b's top."""
-    over = plan_overlap(a, b)
-    height = min(_fall(a.bottom_m - b.top_m, 0.12, 0.35), _fall(b.bottom_m - a.bottom_m, 0.05, 0.25))
-    bigger = a.size_m[0] * a.size_m[1] > 2.5 * b.size_m[0] * b.size_m[1]
-    return 0.0 if bigger else _fall(1.0 - over, 0.4, 0.95) * height
+    height = np.minimum(_fall(a.bottom_m - b.top_m, 0.12, 0.35), _fall(b.bottom_m - a.bottom_m, 0.05, 0.25))
+    bigger = a.size_m[:, 0] * a.size_m[:, 1] > 2.5 * b.size_m[:, 0] * b.size_m[:, 1]
+    return np.where(bigger, 0.0, _fall(1.0 - plan_overlap(a, b), 0.4, 0.95) * height)
 
 
-def above(a: Box, b: Box) -> float:
+def above(a: Boxes, b: Boxes) -> Floats:
     """a hangs over b: its bottom not below b's top (less an overlap), close in plan."""
-    lower = max(b.top_m - a.bottom_m, 0.0) / max(min(a.size_m[2], b.size_m[2]), 0.05)
+    lower = np.maximum(b.top_m - a.bottom_m, 0.0) / np.maximum(np.minimum(a.size_m[:, 2], b.size_m[:, 2]), 0.05)
     return _fall(plan_gap(a, b), 0.15, 1.2) * _fall(lower, 0.35, 0.8)
 
 
-def under(a: Box, b: Box) -> float:
+def under(a: Boxes, b: Boxes) -> Floats:
     """a lies below b: b hangs over it, or b (a table) spans it."""
-    return max(above(b, a), plan_overlap(a, b) * float(a.top_m <= b.top_m))
+    return np.maximum(above(b, a), plan_overlap(a, b) * (a.top_m <= b.top_m))
 
 
-def in_front(a: Box, b: Box) -> float:
+def in_front(a: Boxes, b: Boxes) -> Floats:
     """a stands where one looks at b from: some metres off at most, not on it. Which side is b's front is not known."""
     # What stands on the floor inside the other's box (a table in the bend of a corner sofa) is before it, not on it.
-    rests = max(on(a, b), on(b, a)) if abs(a.bottom_m - b.bottom_m) > 0.1 else 0.0
+    rests = np.where(np.abs(a.bottom_m - b.bottom_m) > 0.1, np.maximum(on(a, b), on(b, a)), 0.0)
     return _fall(plan_gap(a, b), 2.5, 5.0) * (1.0 - rests)
 
 
-def between(a: Box, b: Box, c: Box) -> float:
+def between(a: Boxes, b: Boxes, c: Boxes) -> Floats:
     """a lies between b and c in plan."""
-    p, q, r = (np.array(box.center_m[:2]) for box in (a, b, c))
+    p, q, r = (box.center_m[:, :2] for box in (a, b, c))
     span = r - q
-    length = float(np.hypot(*span))
-    if length < 1e-6:
-        return 0.0
-    along = float((p - q) @ span) / length**2
-    across = abs(float(span[0] * (p - q)[1] - span[1] * (p - q)[0])) / length
-    half = max(a.size_m[0], a.size_m[1]) / 2
-    return _fall(max(-along, along - 1.0, 0.0), 0.0, 0.3) * _fall(max(across - half, 0.0) / max(length, 1.0), 0.15, 0.6)
+    length = np.hypot(span[:, 0], span[:, 1])
+    safe = np.maximum(length, 1e-6)
+    along = ((p - q) * span).sum(1) / safe**2
+    across = np.abs(span[:, 0] * (p - q)[:, 1] - span[:, 1] * (p - q)[:, 0]) / safe
+    half = np.maximum(a.size_m[:, 0], a.size_m[:, 1]) / 2
+    inside = _fall(np.maximum(np.maximum(-along, along - 1.0), 0.0), 0.0, 0.3)
+    return np.where(
+        length < 1e-6, 0.0, inside * _fall(np.maximum(across - half, 0.0) / np.maximum(length, 1.0), 0.15, 0.6)
+    )
 
 
-def on_floor(a: Box, floor_z_m: float) -> float:
+def beside(a: Boxes, b: Boxes, eye_xy: Floats, side: str) -> Floats:
+    """a stands left, right or behind (side) of b as one at eye_xy [n, 2] or [1, 2] sees it, at most some metres off.
+
+    Left is where b's left edge is in sight: across the line from the eye to b's middle, by more than along it.
+    """
+    line = b.center_m[:, :2] - eye_xy
+    line = line / np.maximum(np.hypot(line[:, 0], line[:, 1]), 1e-6)[:, None]
+    off = a.center_m[:, :2] - b.center_m[:, :2]
+    leftward = line[:, 0] * off[:, 1] - line[:, 1] * off[:, 0]
+    onward = (line * off).sum(1)
+    wanted, other = {"left": (leftward, onward), "right": (-leftward, onward), "behind": (onward, leftward)}[side]
+    off_axis = np.degrees(np.arctan2(np.abs(other), np.maximum(wanted, 1e-9)))
+    return _fall(plan_gap(a, b), 0.8, 4.0) * _fall(np.where(wanted > 0, off_axis, 180.0), 45.0, 80.0)
+
+
+def bearing(a: Boxes, eye_xy: Floats, look_xy: Floats) -> Floats:
+    """[n] how far left (+, rad) of the line of sight from eye_xy [2] to look_xy [2] a thing is seen."""
+    off, line = a.center_m[:, :2] - eye_xy, look_xy - eye_xy
+    turn = np.arctan2(off[:, 1], off[:, 0]) - np.arctan2(line[1], line[0])
+    return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+def on_floor(a: Boxes, floor_z_m: Floats | float) -> Floats:
     return _fall(a.bottom_m - floor_z_m, 0.15, 0.5)
 
 
-def on_wall(a: Box, floor_z_m: float) -> float:
+def on_wall(a: Boxes, floor_z_m: Floats | float) -> Floats:
     """Off the floor, or flat and upright."""
-    flat = min(a.size_m[:2]) < 0.35
-    return max(1.0 - on_floor(a, floor_z_m), 0.6 if flat and a.size_m[2] > 0.3 else 0.0)
+    flat = (a.size_m[:, :2].min(1) < 0.35) & (a.size_m[:, 2] > 0.3)
+    return np.maximum(1.0 - on_floor(a, floor_z_m), np.where(flat, 0.6, 0.0))
 
 
-def on_ceiling(a: Box, ceiling_z_m: float) -> float:
+def on_ceiling(a: Boxes, ceiling_z_m: Floats | float) -> Floats:
     return _fall(ceiling_z_m - a.top_m, 0.4, 1.2)
 
 
-def in_corner(a: Box, outline_xy: Sequence[tuple[float, float]]) -> float:
+def in_corner(a: Boxes, outline_xy: Sequence[tuple[float, float]]) -> Floats:
     """a's box comes near a corner of the room's outline that turns inwards (60..120 degrees)."""
     corners = np.asarray(outline_xy, np.float64)
     if len(corners) < 3:
-        return 0.0
+        return np.zeros(len(a))
     before, after = np.roll(corners, 1, 0) - corners, np.roll(corners, -1, 0) - corners
     lengths = np.hypot(*before.T) * np.hypot(*after.T)
     cosine = (before * after).sum(1) / np.maximum(lengths, 1e-9)
     convex = after[:, 0] * before[:, 1] - after[:, 1] * before[:, 0] > 0  # the outline runs counter-clockwise
     real = corners[convex & (np.abs(cosine) < 0.5)]
-    return _fall(float(_distance_to(a, real).min()), 0.5, 2.0) if len(real) else 0.0
+    if not len(real):
+        return np.zeros(len(a))
+    return _fall(_out(a, np.broadcast_to(real, (len(a), *real.shape))).min(1), 0.5, 2.0)
 
 
-def in_middle(a: Box, room: Box) -> float:
-    off = np.abs(_to_local(room, np.array([a.center_m[:2]]))[0]) / np.maximum(np.array(room.size_m[:2]) / 2, 1e-6)
-    return _fall(float(off.max()), 0.35, 0.85)
+def in_middle(a: Boxes, room: Boxes) -> Floats:
+    """room: the box of the room, or one per thing."""
+    off = np.abs(_to_local(room, a.center_m[:, None, :2]))[:, 0] / np.maximum(room.size_m[:, :2] / 2, 1e-6)
+    return _fall(off.max(1), 0.35, 0.85)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import navigation_house as house
+import numpy as np
 import pytest
 
 from irsd.graph.model import GraphSnapshot
@@ -12,7 +13,7 @@ from irsd.perception.encoder import LabelEncoder
 from nav_bridge import relations as rel
 from nav_bridge.evidence import EvidenceSettings, Knowledge
 from nav_bridge.language import parse
-from nav_bridge.relations import Box
+from nav_bridge.relations import Boxes
 from nav_bridge.resolve import Ambiguous, NotFound, Resolution, Resolved, ResolveSettings, resolve
 
 
@@ -139,14 +140,19 @@ def test_a_second_name_counts_and_a_part_of_a_joined_room_is_told_by_its_things(
     assert answer.target.instance == "I6"
 
 
+def one(*center_size_yaw: object) -> Boxes:
+    center, size, *yaw = center_size_yaw
+    return rel.boxes([(center, size, yaw[0] if yaw else 0.0)])  # type: ignore[list-item]
+
+
 def test_relations_of_boxes() -> None:
-    table = Box((0, 0, 0.4), (1.6, 0.8, 0.8))
-    cup = Box((0.3, 0.1, 0.85), (0.1, 0.1, 0.1))
-    mat = Box((0, 0, 0.01), (1.0, 0.6, 0.02))
-    lamp = Box((0, 0, 2.0), (0.4, 0.4, 0.4))
-    chair = Box((1.2, 0, 0.45), (0.4, 0.4, 0.9))
-    far = Box((6, 0, 0.45), (0.4, 0.4, 0.9))
-    turned = Box((1.2, 0, 0.45), (2.0, 0.1, 0.9), 1.5708)
+    table = one((0, 0, 0.4), (1.6, 0.8, 0.8))
+    cup = one((0.3, 0.1, 0.85), (0.1, 0.1, 0.1))
+    mat = one((0, 0, 0.01), (1.0, 0.6, 0.02))
+    lamp = one((0, 0, 2.0), (0.4, 0.4, 0.4))
+    chair = one((1.2, 0, 0.45), (0.4, 0.4, 0.9))
+    far = one((6, 0, 0.45), (0.4, 0.4, 0.9))
+    turned = one((1.2, 0, 0.45), (2.0, 0.1, 0.9), 1.5708)
     assert rel.on(cup, table) > 0.9
     assert rel.on(table, cup) == 0.0
     assert rel.on(chair, table) == 0.0
@@ -154,11 +160,18 @@ def test_relations_of_boxes() -> None:
     assert rel.above(table, lamp) == 0.0
     assert rel.under(mat, table) > 0.9
     assert rel.near(chair, table) > rel.near(far, table) == 0.0
-    assert rel.between(table, chair, Box((-1.2, 0, 0.45), (0.4, 0.4, 0.9))) > 0.9
+    assert rel.between(table, chair, one((-1.2, 0, 0.45), (0.4, 0.4, 0.9))) > 0.9
     assert rel.between(far, chair, table) == 0.0
     assert rel.plan_gap(table, chair) == pytest.approx(0.2)
     assert rel.plan_gap(table, turned) == pytest.approx(0.35, abs=1e-3)
+    assert rel.plan_gap(one((0, 0, 0), (4, 0.2, 1)), one((0, 0, 0), (0.2, 4, 1))) == 0.0  # crossed: no corner is inside
     square = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
-    assert rel.in_corner(Box((0.4, 0.4, 0.5), (0.4, 0.4, 1)), square) > 0.9
-    assert rel.in_corner(Box((2.0, 2.0, 0.5), (0.4, 0.4, 1)), square) == 0.0
+    assert rel.in_corner(one((0.4, 0.4, 0.5), (0.4, 0.4, 1)), square) > 0.9
+    assert rel.in_corner(one((2.0, 2.0, 0.5), (0.4, 0.4, 1)), square) == 0.0
     assert rel.in_corner(table, ()) == 0.0
+    eye = np.array([[0.0, -5.0]])
+    assert rel.beside(one((-1.2, 0, 0.4), (0.4, 0.4, 0.9)), table, eye, "left") > 0.9
+    assert rel.beside(chair, table, eye, "left") == 0.0
+    assert rel.beside(chair, table, eye, "right") > 0.9
+    assert rel.beside(chair, table, -eye, "left") > 0.9
+    assert rel.beside(one((0, 1.2, 0.4), (0.4, 0.4, 0.9)), table, eye, "behind") > 0.9
