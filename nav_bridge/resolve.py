@@ -149,7 +149,8 @@ def _rank_key(choice: str, rivals: Rows, cases: Cases, robot_xy: tuple[float, fl
         "tallest": -boxes.top_m,
         "lowest": boxes.bottom_m,
     }
-    return keys[choice] if choice in keys else away
+    chosen = keys.get(choice)
+    return away if chosen is None else chosen
 
 
 def _question(ordered: Rows, cases: Cases) -> str:
