@@ -45,6 +45,8 @@ ODD_TEXTS: tuple[str, ...] = (
     "bedside table " * 40,
 )
 
+DETECTOR_PROMPTS: tuple[str, ...] = ("chair", "bedside table", "café table №5", "tv", "trash can")
+
 
 def picture(width: int, height: int, seed: int = 0) -> NDArray[np.uint8]:
     """A picture uint8 [height, width, 3] with shades, edges and fine grain, from integers alone: the same bytes everywhere."""
@@ -70,6 +72,18 @@ def probe(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
     chosen = values[np.linspace(0, values.size - 1, 512).astype(np.int64)]
     wide = pixels.astype(np.float64)
     return np.concatenate([pixels.shape, chosen, wide.mean(2).ravel(), wide.mean(1).ravel()])
+
+
+def unpacked(bits: NDArray[np.uint8], view: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """bool [n, H, W]: masks of a picture [H, W, 3] that were stored by ``np.packbits``."""
+    size = view.shape[:2]
+    count = bits.size * 8 // (size[0] * size[1])
+    return np.unpackbits(bits, count=count * size[0] * size[1]).reshape(count, *size).astype(np.bool_)
+
+
+def mask_agreement(found: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> float:
+    """The share of pixels on which masks agree."""
+    return float((found == wanted).mean())
 
 
 def sha256(data: bytes) -> str:
