@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy import ndimage
 
 from irsd.core.errors import ModelError
 
@@ -68,3 +69,36 @@ def planes(image_rgb: NDArray[np.uint8], levels: Levels) -> NDArray[np.float32]:
         table = (ramp - np.float32(levels.mean[channel])) / np.float32(levels.std[channel])
         np.take(table, image_rgb[..., channel], out=out[channel])
     return out
+
+
+def within(height: int, width: int, shortest_px: int, longest_px: int) -> tuple[int, int]:
+    """(height, width) with proportions kept: the shorter side shortest_px, unless the longer would exceed longest_px (DETR)."""
+    short, long = min(height, width), max(height, width)
+    size = float(shortest_px)
+    if long / short * size > longest_px:
+        size = longest_px * short / long
+    whole = round(size)
+    if short == whole:
+        return height, width
+    longer = int(size * long / short)
+    return (longer, whole) if width < height else (whole, longer)
+
+
+def padded_square(image_rgb: NDArray[np.uint8], side_px: int, levels: Levels) -> NDArray[np.float32]:
+    """float32 [3, side_px, side_px]: grey below or to the right up to a square, then resized (Owlv2ImageProcessor).
+
+    OWLv2 resizes floats as scikit-image does: a Gaussian of half the excess in scale, then linear interpolation with mirrored borders.
+    """
+    height, width = image_rgb.shape[:2]
+    long = max(height, width)
+    square = np.full((long, long, 3), 0.5, np.float32)
+    square[:height, :width] = image_rgb.astype(np.float64) * (1 / 255)
+    factor = long / side_px
+    if factor > 1:
+        spread = (factor - 1) / 2
+        square = ndimage.gaussian_filter(square, (spread, spread, 0), mode="mirror")
+    zoom = (1 / factor, 1 / factor, 1)
+    resized = ndimage.zoom(square, zoom, order=1, mode="mirror", grid_mode=True)
+    resized = np.clip(resized, square.min(), square.max())
+    out = (resized - np.array(levels.mean, np.float32)) / np.array(levels.std, np.float32)
+    return np.ascontiguousarray(out.transpose(2, 0, 1), np.float32)

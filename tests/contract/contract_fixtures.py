@@ -45,7 +45,14 @@ ODD_TEXTS: tuple[str, ...] = (
     "bedside table " * 40,
 )
 
-DETECTOR_PROMPTS: tuple[str, ...] = ("chair", "bedside table", "café table №5", "tv", "trash can")
+DETECTOR_PROMPTS: tuple[str, ...] = ("chair", "bedside table", "café", "TV", "trash can")
+
+# What segmenters are asked for, in pixels of these pictures.
+BOXES: dict[str, list[list[float]]] = {
+    "landscape": [[40.5, 60, 300, 400], [0, 0, 640, 480], [500, 10, 560, 470.25]],
+    "odd": [[3, 5, 320, 200], [100, 100, 110, 140]],
+}
+POINTS: dict[str, list[list[float]]] = {"landscape": [[320, 240], [10, 470]], "odd": [[30.5, 20]]}
 
 
 def picture(width: int, height: int, seed: int = 0) -> NDArray[np.uint8]:

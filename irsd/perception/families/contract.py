@@ -18,11 +18,18 @@ def require(session: Session, inputs: tuple[str, ...], outputs: tuple[str, ...])
         )
 
 
-def unit_rows(vectors: NDArray[np.float32], rows: int, session: Session) -> NDArray[np.float32]:
-    """float32 [rows, D] of unit length. ModelError unless the network gave rows finite vectors other than zero."""
-    if vectors.ndim != 2 or len(vectors) != rows:
-        raise ModelError(f"{session.path.name}: vectors of shape {vectors.shape} for {rows} inputs")
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if not (np.isfinite(lengths) & (lengths > 0)).all():
-        raise ModelError(f"{session.path.name}: a vector of no or infinite length")
-    return np.asarray(vectors / lengths, np.float32)
+def boxes_in_picture(
+    centres: NDArray[np.float32], scale_px: tuple[float, float], width: int, height: int
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Boxes as fractions (centre x, centre y, width, height) float32 [n, 4], times scale_px along x and y, to x0, y0, x1, y1 float32
+    [n, 4] clipped to a picture of width x height; and whether anything of each is left."""
+    middle, half = centres[:, :2], np.float32(0.5) * centres[:, 2:]
+    scale = np.tile(np.array(scale_px, np.float32), 2)
+    corners = np.concatenate([middle - half, middle + half], 1) * scale
+    corners = np.clip(corners, 0, np.tile(np.array([width, height], np.float32), 2))
+    return corners, np.asarray((corners[:, 2:] > corners[:, :2]).all(1))
+
+
+def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
+    """1 / (1 + exp(-x)), float32, without overflow; 0 for minus infinity."""
+    return np.asarray(0.5 * (1 + np.tanh(0.5 * logits)), np.float32)

@@ -6,21 +6,25 @@ import json
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import sentencepiece
 from contract_fixtures import ODD_TEXTS
-from transformers import CLIPTokenizer, CLIPTokenizerFast
+from transformers import CLIPTokenizer, CLIPTokenizerFast, SiglipTokenizer
+from transformers.convert_slow_tokenizer import T5Converter
 from transformers.models.clip.tokenization_clip import bytes_to_unicode
 
 THINGS = """chair, office chair, table, bedside table, desk, sofa, bed, lamp, potted plant, television, monitor, keyboard,
     fire extinguisher, trash can, refrigerator, kitchen sink, toilet, door, window, cabinet, bookshelf, cardboard box,
     coffee machine, microwave oven, washing machine, whiteboard, backpack, bicycle, stairs, person"""
 CORPUS = (*ODD_TEXTS, *(f"a photo of a {thing.strip()}" for thing in THINGS.split(",")))
+MERGES = 300
 SPECIALS = ("<|startoftext|>", "<|endoftext|>")
 
 
-def clip_tokenizer(folder: Path, scratch: Path, merges: int = 300) -> CLIPTokenizer:
-    """CLIP's byte-level BPE with few merges. Writes tokenizer.json, as repositories hold it; returns the slow tokenizer, another
-    implementation (no tokenizer.json in it) of what is to come out."""
+def clip_tokenizer(folder: Path, scratch: Path, pad: str = SPECIALS[1]) -> CLIPTokenizer:
+    """CLIP's byte-level BPE with few merges and a padding token of choice. Writes tokenizer.json, as repositories hold it; returns
+    the slow tokenizer, another implementation (no tokenizer.json in it) of what is to come out."""
     letters = list(bytes_to_unicode().values())
     alphabet = [*letters, *(letter + "</w>" for letter in letters)]
     blank = CLIPTokenizerFast(*_write(scratch, alphabet, [])).backend_tokenizer
@@ -28,9 +32,9 @@ def clip_tokenizer(folder: Path, scratch: Path, merges: int = 300) -> CLIPTokeni
     for text in CORPUS:
         for word, _ in blank.pre_tokenizer.pre_tokenize_str(blank.normalizer.normalize_str(text)):
             words[(*word[:-1], word[-1] + "</w>")] += 1
-    files = _write(scratch, alphabet, learn_merges(words, merges))
+    files = _write(scratch, alphabet, learn_merges(words, MERGES))
     CLIPTokenizerFast(*files).backend_tokenizer.save(str(folder / "tokenizer.json"), pretty=False)
-    return CLIPTokenizer(*files)
+    return CLIPTokenizer(*files, pad_token=pad)
 
 
 def learn_merges(words: Counter[tuple[str, ...]], most: int) -> list[tuple[str, str]]:
@@ -68,3 +72,25 @@ def _write(folder: Path, alphabet: list[str], merges: list[tuple[str, str]]) -> 
     vocabulary.write_text(json.dumps({piece: number for number, piece in enumerate(pieces)}))
     rules.write_text("\n".join(["#version: 0.2", *map(" ".join, merges)]) + "\n")
     return str(vocabulary), str(rules)
+
+
+class _SiglipConverter(T5Converter):
+    def vocab(self, proto: Any) -> list[tuple[str, float]]:
+        return [(piece.piece, piece.score) for piece in proto.pieces]
+
+
+def siglip_tokenizer(folder: Path, scratch: Path) -> SiglipTokenizer:
+    """SigLIP's unigram tokenizer of few pieces. Writes tokenizer.json, converted from sentencepiece as repositories have it; returns
+    the slow tokenizer, which is sentencepiece itself."""
+    model = scratch / "spiece"
+    sentencepiece.SentencePieceTrainer.train(
+        sentence_iterator=iter([text.lower() for text in CORPUS if text] * 4),
+        model_prefix=str(model),
+        vocab_size=220,
+        hard_vocab_limit=False,
+        num_threads=1,
+        **{"pad_id": 0, "eos_id": 1, "unk_id": 2, "bos_id": -1, "minloglevel": 2},
+    )
+    slow = SiglipTokenizer(f"{model}.model")
+    _SiglipConverter(slow).converted().save(str(folder / "tokenizer.json"), pretty=False)
+    return slow
