@@ -20,7 +20,8 @@ from nav_bridge.route import CostMap, connected_to, snap_to_passable
 _RAYS = 12  # target cells a pose is checked for sight of
 _HIDDEN = 1.0  # price, in metres, of a pose that sees nothing of its target or stands in another room
 _MAX_TRIED, _TRIED_APART_M = 8, 0.2  # of the places weighed, how many an answer tells, and how far they are apart
-_MAX_POINTS = 4000  # a target's points beyond this many are thinned: they lie millimetres apart
+_MAX_POINTS = 1000  # a target's points beyond this many are thinned: they lie millimetres apart
+_LOOK_M = 0.5  # places this much farther than allowed are looked at too, so that a refusal knows the best distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +89,11 @@ def surface_distance(
 ) -> NDArray[np.float64]:
     """[N] plan distance of places [N, 2] to the target's points [M, 2]: the k-th nearest, so that lone noise does not count."""
     points = np.asarray(target_xy, np.float64)[:, :2]
-    # Masks bleed over the edge of a thing: of many points, half a percent may float before the surface.
-    k = max(min(outlier_points, max(1, len(points) // 10)), len(points) // 200) if outlier_points > 1 else 1
+    k = 1
+    if outlier_points > 1:
+        # Masks bleed over the edge of a thing: of many points, two percent may float before the surface.
+        points = points[:: max(1, len(points) // _MAX_POINTS)]
+        k = max(min(outlier_points, max(1, len(points) // 6)), len(points) // 50)
     away, _ = cKDTree(points).query(np.asarray(xy, np.float64)[:, :2], k=[k])
     return np.asarray(away[:, -1], np.float64)
 
@@ -115,12 +119,14 @@ def find_approach(
     start = snap_to_passable(costs, robot_xy, start_reach_m)
     if start is None:
         return Unreachable("the robot stands where the map has no free space", None)
-    cells = np.argwhere(connected_to(costs, start))
+    standing = connected_to(costs, start)
+    cells = _cells_near(costs, standing, points, settings.within_m + _LOOK_M)
     xy = costs.frame.centres_of(cells)
     away = surface_distance(points, xy, settings.outlier_points)
-    if away.min() > settings.within_m:
-        return Unreachable(f"the nearest place to stand is {away.min():.2f} m from its surface", float(away.min()))
     near = np.flatnonzero(away <= settings.within_m)
+    if not len(near):
+        best = float(away.min())
+        return Unreachable(f"the nearest place to stand is {best:.2f} m from its surface", best)
     cells, xy, away = cells[near], xy[near], away[near]
     clear = costs.clear_m[cells[:, 0], cells[:, 1]]
     inside = in_polygon(xy, room_xy) if len(room_xy) >= 3 else np.ones(len(xy), bool)
@@ -129,6 +135,19 @@ def find_approach(
     x, y = (round(float(v), 4) for v in xy[best])
     tried = _apart(weighed, best, price, xy, away, clear)
     return ApproachPose(x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), weighed[best], tried)
+
+
+def _cells_near(
+    costs: CostMap, standing: NDArray[np.bool_], points: NDArray[np.float64], reach_m: float
+) -> NDArray[np.int64]:
+    """[K, 2] cells where the robot can stand (mask [H, W], not empty) round a target's points [N, 2]; all, if none is near it.
+
+    The work is the target's, not the map's.
+    """
+    low, high = costs.frame.cells_of(np.stack([points.min(0) - reach_m, points.max(0) + reach_m]))
+    low = np.maximum(low, 0)
+    cells = np.argwhere(standing[low[0] : max(high[0] + 1, 0), low[1] : max(high[1] + 1, 0)]) + low
+    return cells if len(cells) else np.argwhere(standing)
 
 
 def _apart(

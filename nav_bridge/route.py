@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
@@ -76,7 +76,8 @@ def make_cost_map(frame: GridFrame, occupancy: NDArray[np.int8], settings: Route
     edge_is_blocked = settings.unknown == "avoid"
     padded = np.pad(blocked, 1, constant_values=edge_is_blocked)
     if padded.any():
-        clear = ndimage.distance_transform_edt(~padded, sampling=frame.resolution_m)[1:-1, 1:-1].astype(np.float32)
+        pixels = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        clear = np.asarray(pixels[1:-1, 1:-1] * np.float32(frame.resolution_m), np.float32)
     else:
         clear = np.full(cells.shape, 1e6, np.float32)
     hard = settings.robot_radius_m + settings.clearance_m
@@ -104,12 +105,8 @@ def snap_to_passable(costs: CostMap, xy: tuple[float, float], reach_m: float) ->
 
 def connected_to(costs: CostMap, cell: tuple[int, int]) -> NDArray[np.bool_]:
     """bool [H, W]: passable cells that the robot can get to from a passable cell."""
-    labels, _ = ndimage.label(costs.passable, structure=_cross())
+    _, labels = cv2.connectedComponents(costs.passable.astype(np.uint8), connectivity=4)
     return np.asarray((labels == labels[cell]) & costs.passable)
-
-
-def _cross() -> NDArray[np.bool_]:
-    return np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], bool)
 
 
 def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.int64] | None:
@@ -165,6 +162,9 @@ def straighten(costs: CostMap, path: NDArray[np.integer], settings: RouteSetting
     points = costs.frame.centres_of(path)
     clear = costs.clear_m[path[:, 0], path[:, 1]]
     comfort = settings.robot_radius_m + settings.clearance_m + settings.comfort_m
+    # A run of equal steps is a line already, however close its neighbours are: where the run of each step ends.
+    turns = np.flatnonzero((np.diff(np.diff(path, axis=0), axis=0) != 0).any(1)) + 1
+    run_end = np.append(turns, len(path) - 1)[np.searchsorted(turns, np.arange(len(path)), side="right")]
     kept, here, last = [0], 0, len(path) - 1
     while here < last:
         step, reach = 1, here + 1
@@ -174,7 +174,7 @@ def straighten(costs: CostMap, path: NDArray[np.integer], settings: RouteSetting
             middle = min(here + 2 * step, last) if reach == low and here + 2 * step < high else (low + high) // 2
             middle = min(max(middle, low + 1), high - 1)
             needed = min(comfort, float(clear[here : middle + 1].min())) - 1e-6
-            if _line_clearance(costs, points[here], points[middle]) >= needed:
+            if middle <= run_end[here] or _line_clearance(costs, points[here], points[middle]) >= needed:
                 low = reach = middle
                 step *= 2
             else:

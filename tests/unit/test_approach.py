@@ -94,3 +94,13 @@ def test_lone_points_do_not_count_as_surface() -> None:
     at = np.array([[3.4, 0.5]])
     assert surface_distance(stray, at)[0] == pytest.approx(0.4, abs=1e-6)
     assert surface_distance(stray, at, 3)[0] == pytest.approx(2.4, abs=0.06)
+
+
+def test_two_percent_of_bled_points_do_not_bring_the_surface_nearer() -> None:
+    box = house.surface((0, 0, 0), (1, 1, 1))
+    rng = np.random.default_rng(3)
+    bled = np.column_stack([rng.uniform(1.0, 1.4, len(box) // 60), rng.uniform(0, 1, (len(box) // 60, 2))])
+    at = np.array([[1.6, 0.5]])
+    assert surface_distance(np.vstack([box, bled]), at)[0] < 0.45
+    assert surface_distance(np.vstack([box, bled]), at, 3)[0] == pytest.approx(0.6, abs=0.08)
+    assert surface_distance(np.vstack([box] * 8), at, 3)[0] == pytest.approx(0.6, abs=0.08)  # thinned, not slower

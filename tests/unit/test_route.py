@@ -145,3 +145,14 @@ def test_empty_ends() -> None:
         make_cost_map(GridFrame((0.0, 0.0), 0.1, 2, 2), np.zeros((3, 2), np.int8), SETTINGS)
     assert resample(np.zeros((1, 2)), 0.5).shape == (1, 2)
     assert resample(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.3)[:, 0].tolist() == pytest.approx([0, 0.25, 0.5, 0.75, 1.0])
+
+
+def test_a_slanting_corridor_is_one_line() -> None:
+    rows, cols = np.mgrid[:60, :60]
+    cells = np.where(np.abs(rows - cols) <= 4, 0, 100).astype(np.int8)
+    options = RouteSettings(robot_radius_m=0.1, clearance_m=0.0, comfort_m=0.3, spacing_m=1.0)
+    costs = costs_of(cells, options)
+    a, b = costs.frame.centres_of(np.array([[8, 8], [50, 50]]))
+    route = plan_route(costs, (*a, 0.0), (*b, 0.0), options)
+    assert route is not None
+    assert len(route.waypoints) == 1 + math.ceil(math.dist(a, b) / 1.0)
