@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from contract_fixtures import (
+    BOXES,
     FIXTURES,
     PICTURES,
+    POINTS,
     TOLERANCE,
     digest,
     mask_agreement,
@@ -22,14 +24,6 @@ from irsd.perception.families.sam import Sam
 from irsd.perception.models import Session
 
 FOLDER = FIXTURES / "sam"
-BOXES = {
-    "landscape": np.array([[40.5, 60, 300, 400], [0, 0, 640, 480], [500, 10, 560, 470.25]], np.float32),
-    "odd": np.array([[3, 5, 320, 200], [100, 100, 110, 140]], np.float32),
-}
-POINTS = {
-    "landscape": np.array([[320, 240], [10, 470]], np.float32),
-    "odd": np.array([[30.5, 20]], np.float32),
-}
 DECODERS = {"box": "box_decoder", "both": "both_decoder", "stopgap": "prompt_encoder_mask_decoder"}
 
 
@@ -52,7 +46,7 @@ def test_pixels_are_those_of_the_processor(name: str) -> None:
 @pytest.mark.parametrize("name", BOXES)
 @pytest.mark.parametrize("kind", DECODERS)
 def test_boxes_give_the_masks_of_transformers(encoder: Session, kind: str, name: str) -> None:
-    wanted, view, boxes = reference("sam"), pictures()[name], BOXES[name]
+    wanted, view, boxes = reference("sam"), pictures()[name], np.array(BOXES[name], np.float32)
     key = f"{'stopgap' if kind == 'stopgap' else 'box'}_{name}"
     segmenter = sam(encoder, kind)
     encoded = segmenter.encode(view)
@@ -76,7 +70,7 @@ def test_points_give_the_masks_of_transformers(encoder: Session, name: str) -> N
     wanted, view = reference("sam"), pictures()[name]
     segmenter = sam(encoder, "stopgap")
     encoded = segmenter.encode(view)
-    (found,) = segmenter.prompt_points(encoded, POINTS[name])
+    (found,) = segmenter.prompt_points(encoded, np.array(POINTS[name], np.float32))
     assert np.abs(found.ious - wanted[f"point_{name}_ious"]).max() <= TOLERANCE
     assert np.abs(found.logits[..., ::2, ::2] - wanted[f"point_{name}_logits"]).max() <= TOLERANCE
     best = found.logits[np.arange(len(found.ious)), found.ious.argmax(1)]
@@ -111,4 +105,4 @@ def test_files_that_do_not_fit_are_refused(encoder: Session) -> None:
         Sam(encoder, encoder)
     segmenter = Sam(encoder, boxes)
     with pytest.raises(ModelError, match="takes no points"):
-        list(segmenter.prompt_points(segmenter.encode(picture(30, 20)), POINTS["odd"]))
+        list(segmenter.prompt_points(segmenter.encode(picture(30, 20)), np.ones((1, 2), np.float32)))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from contract_fixtures import digest, pictures
+from contract_fixtures import BOXES, POINTS, digest, pictures
 from optimum.exporters.onnx.model_configs import SamOnnxConfig
 from transformers import SamConfig, SamImageProcessor, SamModel, SamProcessor
 
@@ -14,11 +14,6 @@ from fixture_makers.common import check_export, export, save, seeded
 from fixture_makers.tracing import shorten, trace
 
 SIDE_PX, PATCH_PX = 128, 16
-BOXES = {  # of the pictures that are segmented
-    "landscape": [[40.5, 60, 300, 400], [0, 0, 640, 480], [500, 10, 560, 470.25]],
-    "odd": [[3, 5, 320, 200], [100, 100, 110, 140]],
-}
-POINTS = {"landscape": [[320, 240], [10, 470]], "odd": [[30.5, 20]]}
 
 
 def make(folder: Path) -> None:

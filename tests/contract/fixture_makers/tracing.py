@@ -16,6 +16,7 @@ def trace(
     module: torch.nn.Module, inputs: dict[str, torch.Tensor], outputs: Sequence[str], dynamic: dict, path: Path
 ) -> None:
     """The module's forward(*inputs) as an ONNX file that gives what torch gives."""
+    module.eval()
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")
         torch.onnx.export(
