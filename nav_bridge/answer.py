@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from irsd.graph.model import GraphSnapshot
 from nav_bridge.approach import ApproachPose
-from nav_bridge.language import GoalSpec
+from nav_bridge.goal import GoalSpec
 from nav_bridge.resolution import Ambiguous, Candidate, Resolution, Resolved
 from nav_bridge.route import Route
 

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot, RoomNode
 from irsd.perception.encoder import LabelEncoder
+from nav_bridge.goal import Phrase
 from nav_bridge.index import Index, index_of
-from nav_bridge.language import Phrase
 from nav_bridge.places import Places
 from nav_bridge.relations import on_floor
-from nav_bridge.words import ATTRIBUTES, fold
+from nav_bridge.words import fold
+from nav_bridge.words_attributes import ATTRIBUTES
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from nav_bridge import relations as rel
 from nav_bridge.approach import in_polygon
 from nav_bridge.evidence import Knowledge
+from nav_bridge.goal import GoalSpec, Phrase, Relation
 from nav_bridge.index import Index
-from nav_bridge.language import GoalSpec, Phrase, Relation
 from nav_bridge.relations import Boxes, Floats
 from nav_bridge.resolution import Candidate
 
@@ -21,6 +21,7 @@ Text = Callable[[int], str]
 
 _REACH_M = 5.5  # things farther apart than this stand in no relation but nearest and between
 _BETWEEN_M = 12.0
+_FEW_OF_TYPICAL = 0.2  # at this share of the typical number of observations a thing is as likely real as not
 _OTHER_ROOM = 0.6  # what a relation through a wall is worth
 _IN_REACH = ("near", "front", "left", "right", "behind", "at", "with")  # relations that a wall cuts
 
@@ -68,27 +69,41 @@ class Cases:
 
 
 # --------------------------------------------------------------------------------------------------------------- names
+def label_or_id(phrase: Phrase, index: Index, knowledge: Knowledge) -> Floats:
+    """[N] 0..1: how far each thing is what is named; an id of the graph ("I7") names exactly one."""
+    row = index.rows.get(phrase.name.upper())
+    label = knowledge.label_scores(phrase, index) if row is None else np.zeros(len(index))
+    if row is not None:
+        label[row] = 1.0
+    return label
+
+
 def named(spec: GoalSpec, index: Index, knowledge: Knowledge, *, least: float, min_existence: float) -> Cases:
     """Things whose labels may mean what was named, scored by label, attributes and how sure the thing is."""
     weights = [max(0.4, 1.0 - 0.12 * k) for k in range(len(spec.things))]  # a purpose names several things, best first
-    scores = np.stack([knowledge.label_scores(p, index) * w for p, w in zip(spec.things, weights, strict=True)])
+    scores = np.stack([label_or_id(p, index, knowledge) * w for p, w in zip(spec.things, weights, strict=True)])
     label = scores.max(0)
-    if spec.things[0].name.upper() in index.rows:
-        label[index.rows[spec.things[0].name.upper()]] = 1.0
     rows = np.flatnonzero((label >= least) & (index.exists >= max(min_existence, 1e-9)))
     attribute = np.ones(len(rows))
     means = scores[:, rows].argmax(0)
     for k, phrase in enumerate(spec.things):
         mine = means == k
         attribute[mine] = knowledge.attribute_scores(phrase.attributes, rows[mine], index)
-    seen = index.observations[rows]
-    sure = index.exists[rows] * seen / (seen + 1.0)
+    sure = index.exists[rows] * _seen_enough(index)[rows]
     label = label[rows]
     cases = Cases(index, rows, label, label * attribute * sure, np.zeros(len(rows)), np.zeros(len(rows), np.intp))
     cases.notes.append(lambda k: f"labels {label[k]:.2f}")
     cases.notes.append(lambda k: f"attributes x{attribute[k]:.2f}" if attribute[k] != 1.0 else "")
     _by_size(cases, spec)
     return cases
+
+
+def _seen_enough(index: Index) -> Floats:
+    """[N] 0..1: what is seen far less often than most things here is more often a slip of the eye than a thing."""
+    there = index.observations[index.exists > 0]
+    few = max(1.0, _FEW_OF_TYPICAL * float(np.median(there))) if len(there) else 1.0
+    seen = index.observations.astype(np.float64)
+    return np.asarray(seen**2 / (seen**2 + few**2))
 
 
 def _by_size(cases: Cases, spec: GoalSpec) -> None:
@@ -141,6 +156,26 @@ def _in_unknown_room(cases: Cases, wanted: str, knowledge: Knowledge) -> str:
 
 # ----------------------------------------------------------------------------------------------------------- relations
 @dataclass(frozen=True, slots=True)
+class Eye:
+    """From where left is left. seen_from: "door", "robot", or "" for what comes natural: where the robot is, or would come in."""
+
+    robot_xy: tuple[float, float]
+    seen_from: str = ""
+
+    def on_room(self, index: Index, row: int) -> Floats:
+        """[2] where one stands who sees a room: the robot in it, else the door through which it would come in; row -1: the robot."""
+        here = np.array(self.robot_xy, np.float64)
+        if row < 0 or self.seen_from == "robot":
+            return here
+        room = index.graph.rooms[row]
+        inside = len(room.polygon_xy) >= 3 and bool(in_polygon(here[None], room.polygon_xy)[0])
+        doors = np.array([d.position_xy for d in index.graph.doors if room.id in d.rooms], np.float64).reshape(-1, 2)
+        if not len(doors) or (inside and self.seen_from != "door"):
+            return here
+        return np.asarray(doors[np.hypot(*(doors - here).T).argmin()])
+
+
+@dataclass(frozen=True, slots=True)
 class Anchors:
     """What a relation refers to. rows: of the index, -1 for what is no thing; room: row of its room, -1 = none or several."""
 
@@ -154,12 +189,7 @@ class Anchors:
 
 
 def by_relation(
-    cases: Cases,
-    relation: Relation,
-    knowledge: Knowledge,
-    robot_xy: tuple[float, float],
-    min_label: float,
-    least: float,
+    cases: Cases, relation: Relation, knowledge: Knowledge, eye: Eye, min_label: float, least: float
 ) -> str:
     """Judges the cases by one relation; returns a doubt in words when what it refers to is not known."""
     groups = [_anchors(anchor, cases.index, knowledge, min_label) for anchor in relation.anchors]
@@ -174,7 +204,7 @@ def by_relation(
         cases.order = gaps if relation.kind == "nearest" else -gaps
         cases.notes.append(lambda k: f"{gaps[k]:.1f} m from {names}")
         return ""
-    fit = _fit(cases, relation, groups, robot_xy)
+    fit = _fit(cases, relation, groups, eye)
     negated = relation.negated or relation.kind == "without"
     if negated:
         fit = 1.0 - fit
@@ -187,7 +217,7 @@ def by_relation(
 
 def _anchors(phrase: Phrase, index: Index, knowledge: Knowledge, min_label: float) -> Anchors:
     """Everything a relation may refer to by this name, and how surely."""
-    label = knowledge.label_scores(phrase, index)
+    label = label_or_id(phrase, index, knowledge)
     rows = np.flatnonzero((label >= min_label) & (index.exists > 0))
     sure = label[rows] * knowledge.attribute_scores(phrase.attributes, rows, index)
     boxes, room = index.boxes.take(rows), index.room[rows]
@@ -229,7 +259,7 @@ def _nearest(cases: Cases, anchors: Anchors) -> Floats:
     return out
 
 
-def _fit(cases: Cases, relation: Relation, groups: list[Anchors], robot_xy: tuple[float, float]) -> Floats:
+def _fit(cases: Cases, relation: Relation, groups: list[Anchors], eye: Eye) -> Floats:
     """[n] 0..1: how well each case fits a relation to the best of its anchors."""
     if not groups:
         return _place_fit(cases, relation.kind)
@@ -240,7 +270,7 @@ def _fit(cases: Cases, relation: Relation, groups: list[Anchors], robot_xy: tupl
     i, j = np.nonzero((away < _REACH_M) & (cases.rows[:, None] != anchors.rows[None]))
     a, b = boxes.take(i), anchors.boxes.take(j)
     if relation.kind in ("left", "right", "behind"):
-        eyes = viewpoints(anchors, cases.index, robot_xy, relation.seen_from)
+        eyes = viewpoints(anchors, cases.index, eye)
         fit = rel.beside(a, b, eyes[j], relation.kind)
     else:
         fit = _pair_fit(a, b, relation.kind)
@@ -273,24 +303,12 @@ def _between(cases: Cases, first: Anchors, second: Anchors) -> Floats:
     return out
 
 
-def viewpoints(anchors: Anchors, index: Index, robot_xy: tuple[float, float], seen_from: str) -> Floats:
-    """[m, 2] from where one looks at each anchor: the robot in its room, else the door through which it would come in."""
-    here = np.array(robot_xy, np.float64)
-    eyes = np.tile(here, (len(anchors), 1))
+def viewpoints(anchors: Anchors, index: Index, eye: Eye) -> Floats:
+    """[m, 2] from where one looks at each anchor."""
+    eyes = np.tile(np.array(eye.robot_xy, np.float64), (len(anchors), 1))
     for row in np.unique(anchors.room):
-        if row >= 0 and seen_from != "robot":
-            eyes[anchors.room == row] = eye_of_room(index, int(row), here, seen_from)
+        eyes[anchors.room == row] = eye.on_room(index, int(row))
     return eyes
-
-
-def eye_of_room(index: Index, row: int, here: Floats, seen_from: str) -> Floats:
-    """[2] where one stands who sees a room: here, if that is in it (and not "door" is asked for), else at its nearest door."""
-    room = index.graph.rooms[row]
-    inside = len(room.polygon_xy) >= 3 and bool(in_polygon(here[None], room.polygon_xy)[0])
-    doors = np.array([d.position_xy for d in index.graph.doors if room.id in d.rooms], np.float64).reshape(-1, 2)
-    if not len(doors) or (inside and seen_from != "door"):
-        return here
-    return np.asarray(doors[np.hypot(*(doors - here).T).argmin()])
 
 
 def _place_fit(cases: Cases, kind: str) -> Floats:

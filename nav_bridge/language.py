@@ -8,11 +8,14 @@ resolver says not found.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 from nav_bridge import words as w
-from nav_bridge.functions import OPENERS, Function, find_function
+from nav_bridge.functions import Function, find_function
+from nav_bridge.goal import IT, GoalSpec, Names, Phrase, Relation
+from nav_bridge.language_cjk import parse_cjk
+from nav_bridge.language_ends import after_opener, find_language, strip_ends, strip_viewpoint
+from nav_bridge.words_attributes import ATTRIBUTES
 
 _MAX_NAME_WORDS = 5
 # Languages in which an adjective follows its noun.
@@ -21,143 +24,27 @@ _NOUN_FIRST = ("fr", "es", "it")
 _NEED_HEAD = ("of", "nearest", "farthest")
 
 
-class Names(Protocol):
-    """What the parser asks of the alias table."""
-
-    def known(self, name: str) -> bool: ...
-
-    def known_room(self, name: str) -> bool: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Phrase:
-    """A thing as named. name: the words of the noun, folded; head: its known ending, "" when the name is known or nothing is.
-
-    attributes: (group, canonical attribute), such as ("colour", "orange").
-    """
-
-    name: str
-    head: str = ""
-    attributes: tuple[tuple[str, str], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Relation:
-    """How the goal lies to others. kind: near, at, on, under, above, front, behind, between, in, with, without, has_on, has_under,
-    left, right, nearest, farthest (with anchors), corner, middle, floor, wall, ceiling (without). room: the anchor is a room of this
-    name. seen_from: "door" or "robot" where it is said from where left is left, "" where it is not."""
-
-    kind: str
-    anchors: tuple[Phrase, ...] = ()
-    negated: bool = False
-    room: str = ""
-    seen_from: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class GoalSpec:
-    """What a sentence asks for.
-
-    things: names wanted, best first (several for a purpose). room / not_rooms: names of rooms as said. choice: "" (must be
-    unique), any, nearest, farthest, largest, smallest, tallest, lowest, ordinal; rank: which one in the order of choice, 1 = first.
-    function: the purpose it was asked by, "".
-    """
-
-    text: str
-    language: str
-    things: tuple[Phrase, ...]
-    room: str = ""
-    not_rooms: tuple[str, ...] = ()
-    relations: tuple[Relation, ...] = ()
-    choice: str = ""
-    rank: int = 1
-    function: str = ""
-    room_is_goal: bool = False
-
-
 def parse(text: str, names: Names) -> GoalSpec:
     """The goal of a sentence. An empty sentence gives a goal without things."""
     folded = w.fold(text)
     language = find_language(folded)
-    spoken = folded.split()
-    tokens = _strip_ends(spoken, language)
+    spoken, seen_from = strip_viewpoint(folded.split(), language)
+    tokens = strip_ends(spoken, language)
     if language in ("zh", "ja"):
-        from nav_bridge.language_cjk import parse_cjk  # noqa: PLC0415  that module builds on the types of this one
+        spec = parse_cjk(text, "".join(tokens), language, names)
+    else:
+        spec = _of_words(text, language, spoken, tokens, names)
+    return replace(spec, seen_from=seen_from)
 
-        return parse_cjk(text, "".join(tokens), language, names)
+
+def _of_words(text: str, language: str, spoken: list[str], tokens: list[str], names: Names) -> GoalSpec:
     # "I want to watch" opens a purpose, "I want to go to the" is a command.
-    for opened in (_after_opener(spoken), _after_opener(tokens)):
-        if opened is not None and _strip_ends(opened, language) == opened:
+    for opened in (after_opener(spoken), after_opener(tokens)):
+        if opened is not None and strip_ends(opened, language) == opened:
             spec = _by_purpose(text, language, opened, names)
             if spec is not None:
                 return spec
     return _by_name(text, language, tokens, names)
-
-
-def find_language(folded: str) -> str:
-    """Language by script, then by which function words occur most; English where nothing tells."""
-    if any("\u3040" <= c <= "\u30ff" for c in folded):
-        return "ja"
-    if any("\u4e00" <= c <= "\u9fff" for c in folded):
-        return "zh"
-    if any("\u0400" <= c <= "\u04ff" for c in folded):
-        return "ru"
-    tokens = folded.split()
-    counts = {lang: sum(t in marks for t in tokens) + _commands(tokens, lang) for lang, marks in w.MARKS.items()}
-    return max(counts, key=lambda lang: counts[lang])  # the first of equals: English
-
-
-def _commands(tokens: Sequence[str], language: str) -> int:
-    """Words of the longest command of a language that a sentence starts with: "geh", "ve a"; 0 for none, or a syllable."""
-    found = (c for c in w.COMMANDS[language] if tuple(tokens[: len(c)]) == c and len(" ".join(c)) > 2)
-    return max((len(c) for c in found), default=0)
-
-
-def _strip_ends(tokens: list[str], language: str) -> list[str]:
-    """Without "go to", "please" and the like at both ends, in the sentence's language and in English."""
-    tables = [w.COMMANDS[language], w.COMMANDS["en"]] if language != "en" else [w.COMMANDS["en"]]
-    if language in ("zh", "ja"):
-        return _strip_ends_unspaced(tokens, language)
-    while tokens:
-        found = next(
-            (c for table in tables for c in table if tuple(tokens[: len(c)]) == c and len(c) < len(tokens)), None
-        )
-        if found is None:
-            break
-        tokens = tokens[len(found) :]
-    while tokens:
-        found = next((c for c in w.TAILS[language] if tuple(tokens[-len(c) :]) == c and len(c) < len(tokens)), None)
-        if found is None:
-            break
-        tokens = tokens[: -len(found)]
-    return tokens
-
-
-def _strip_ends_unspaced(tokens: list[str], language: str) -> list[str]:
-    line, before = "".join(tokens), ""
-    heads = ["".join(c) for c in w.COMMANDS[language]]
-    tails = ["".join(c) for c in w.TAILS[language]]
-    while line != before:
-        before = line
-        for head in sorted(heads, key=len, reverse=True):
-            if line.startswith(head) and len(head) < len(line):
-                line = line[len(head) :]
-        for tail in sorted(tails, key=len, reverse=True):
-            if line.endswith(tail) and len(tail) < len(line):
-                line = line[: -len(tail)]
-    return [line]
-
-
-def _after_opener(tokens: Sequence[str]) -> list[str] | None:
-    """The words after "something to", "where can I" ..., None when nothing of the kind opens the sentence."""
-    start = 1 if tokens and tokens[0] in ("a", "the", "any", "some") else 0
-    for at in (0, start):
-        for opener in OPENERS:
-            if tuple(tokens[at : at + len(opener)]) == opener and len(tokens) > at + len(opener):
-                rest = list(tokens[at + len(opener) :])
-                deeper = _after_opener(rest)
-                return rest if deeper is None else deeper
-    return None
 
 
 def _by_purpose(text: str, language: str, tokens: list[str], names: Names) -> GoalSpec | None:
@@ -208,6 +95,8 @@ def _by_name(text: str, language: str, tokens: list[str], names: Names) -> GoalS
             room, bare = " ".join(bare[: cuts[0]]), bare[cuts[0] :]
     spec = GoalSpec(text, language, (), room=room, choice=choice, rank=rank)
     spec = _place(spec, segments, language, names)
+    if bare and set(bare) <= w.BACK:
+        return replace(spec, things=(Phrase(IT),))
     phrase = noun_phrase(bare, language, names)
     only_command = not bare or any(tuple(bare) in w.COMMANDS[k] for k in (language, "en"))
     if spec.room and only_command and not spec.relations and not spec.choice:
@@ -230,36 +119,63 @@ def _bare(tokens: Sequence[str]) -> str:
     return " ".join(kept)
 
 
+_ORDERS = (
+    (w.NEAREST, "nearest"), (w.FARTHEST, "farthest"), (w.LARGEST, "largest"), (w.SMALLEST, "smallest"), (w.TALLEST, "tallest"),
+    (w.LOWEST, "lowest"), (w.LEFT, "left"), (w.RIGHT, "right"), (w.ANY, "any"),
+)  # fmt: skip
+
+
 def _choice(head: list[str]) -> tuple[list[str], str, int]:
     """(head without the words of choice, how to choose, which one)."""
     choice, rank, kept = "", 1, []
-    orders = (
-        (w.NEAREST, "nearest"), (w.FARTHEST, "farthest"), (w.LARGEST, "largest"), (w.SMALLEST, "smallest"),
-        (w.TALLEST, "tallest"), (w.LOWEST, "lowest"), (w.ANY, "any"),
-    )  # fmt: skip
-    for position, token in enumerate(head):
-        found = next((name for table, name in orders if token in table), "")
-        if found and len(head) > 1:
+    most = False
+    for position, token in enumerate(head if len(head) > 1 else []):
+        found = next((name for table, name in _ORDERS if token in table), "")
+        group, value = ATTRIBUTES.get(token, ("", ""))
+        if most and group == "size" and value in w.SUPERLATIVES:
+            found = w.SUPERLATIVES[value]
+        if found:
             choice = found
-        elif token in w.ORDINALS and len(head) > 1:
+        elif token in w.ORDINALS:
             rank, choice = w.ORDINALS[token], choice or "ordinal"
-        elif token in w.INDEFINITE and position == 0 and len(head) > 1:
+        elif token in w.INDEFINITE and position == 0:
             choice = choice or "any"
-        else:
+        elif not (token in w.MOST and position > 0 and len(head) > 2):
             kept.append(token)
+        most = token in w.MOST
+    if len(head) == 1:
+        kept = list(head)
+    while choice and len(kept) > 1 and (kept[-1] in w.ARTICLES or kept[-1] in w.SIDE):
+        kept.pop()  # "la chaise la plus proche", "la chaise de gauche"
     if kept[:2] == ["one", "of"]:
         kept, choice = kept[2:], "any"
     return kept, choice, rank
 
 
+def _side(kind: str, tokens: Sequence[str]) -> str:
+    """ "left" or "right" where that is all that stands behind a relation: on the left, from the left, de la izquierda."""
+    said = {t for t in tokens if t not in w.ARTICLES and t not in w.SIDE}
+    if kind not in ("at", "on", "in", "of", "near", "left", "right") or not said:
+        return ""
+    return "left" if said <= w.LEFT else "right" if said <= w.RIGHT else ""
+
+
 def noun_phrase(tokens: Sequence[str], language: str, names: Names) -> Phrase:
     """Name, head and attributes of a noun phrase. The longest known name wins; attributes are only words that are known as such."""
+    phrase = _noun_phrase(tokens, language, names)
+    if phrase.name in w.OUTER_DOORS:
+        name = phrase.name if names.known(phrase.name) else "door"
+        return Phrase(name, "", (*phrase.attributes, ("place", "outside")))
+    return phrase
+
+
+def _noun_phrase(tokens: Sequence[str], language: str, names: Names) -> Phrase:
     whole = _bare(tokens)
     bare = whole.split()
-    attributes = tuple(dict.fromkeys(w.ATTRIBUTES[t] for t in bare if t in w.ATTRIBUTES))
+    attributes = tuple(dict.fromkeys(ATTRIBUTES[t] for t in bare if t in ATTRIBUTES))
     if len(bare) < 2 or names.known(whole):
         return Phrase(whole, "", attributes if len(bare) > 1 else ())
-    noun = [t for t in bare if t not in w.ATTRIBUTES]
+    noun = [t for t in bare if t not in ATTRIBUTES]
     if noun and names.known(" ".join(noun)):
         return Phrase(" ".join(noun), "", attributes)
     tails = [bare[k:] for k in range(1, len(bare))]
@@ -267,7 +183,7 @@ def noun_phrase(tokens: Sequence[str], language: str, names: Names) -> Phrase:
     for part in fronts + tails if language in _NOUN_FIRST else tails + fronts[:0]:
         if names.known(" ".join(part)):
             rest = bare[: -len(part)] if part == bare[-len(part) :] else bare[len(part) :]
-            if all(t in w.ATTRIBUTES for t in rest):
+            if all(t in ATTRIBUTES for t in rest):
                 return Phrase(" ".join(part), "", attributes)
             return Phrase(" ".join(noun or bare), " ".join(part), attributes)
     return Phrase(" ".join(noun or bare), "", attributes if noun else ())
@@ -300,7 +216,7 @@ def _split(tokens: Sequence[str], language: str, names: Names) -> tuple[list[str
         if (
             match is not None
             and at + len(match[0]) < len(tokens) + (1 if segments else 0)
-            and (any(t not in w.ARTICLES for t in head) or match[1] not in _NEED_HEAD)
+            and (any(t not in w.ARTICLES and t not in w.ORDINALS for t in head) or match[1] not in _NEED_HEAD)
         ):
             current = []
             segments.append((match[1], current, negated))
@@ -341,7 +257,11 @@ def _place(spec: GoalSpec, segments: Sequence[Segment], language: str, names: Na
         if kind == "with" and following and (not following[1] or set(following[1]) & w.PRONOUNS):
             position += 1
             kind = {"on": "has_on", "in": "has_on", "under": "has_under", "above": "under"}.get(following[0], "near")
-        if set(bare) & w.ME and kind in ("near", "nearest", "at", "of", "front"):
+        if set(bare) <= w.HERE:
+            continue
+        if side := _side(kind, tokens):
+            choice = side
+        elif set(bare) & w.ME and kind in ("near", "nearest", "at", "of", "front"):
             choice = choice or "nearest"
         elif placed := _without_anchor(kind, bare, negated):
             relations.append(placed)
@@ -354,6 +274,8 @@ def _place(spec: GoalSpec, segments: Sequence[Segment], language: str, names: Na
                 not_rooms.append(" ".join(bare))
             else:
                 room = room or " ".join(bare)
+        elif bare and set(bare) <= w.BACK:
+            relations.append(Relation(kind, (Phrase(IT),), negated))
         elif bare and not set(bare) <= w.PRONOUNS:
             relations.append(_relation(kind, bare, negated, language, names))
     return replace(spec, room=room, not_rooms=tuple(not_rooms), relations=tuple(relations), choice=choice)

@@ -32,7 +32,11 @@ BOUND = frozenset(
 _AIRY = frozenset({"balcony", "terrace", "garden"})  # rooms with windows all round, where they are rooms at all
 _GLAZED = 4.0  # how much more likely they are where all of the outline is glass
 _TAKEN = 0.5  # how much less likely a kind is that another room is known to be of
-_BEST, _SURE = 0.6, 0.9  # grade of the likeliest kind of an untold room, and of the kind a room is known to be
+_BEST, _SURE = (
+    0.6,
+    0.9,
+)  # grade of the likeliest kind of a room where that is not sure, and of the kind a room is known to be
+_TELLING = 0.6  # share of its label from which a room is known to be of that kind
 _BY_THINGS = 0.7  # what the things round it are worth against the room's label
 _FEW = 0.15  # votes below this tell nothing
 UNTOLD = "room"
@@ -68,13 +72,14 @@ class Places:
     # -------------------------------------------------------------------------------------------------- whole rooms
     def grade(self, wanted: str, room: RoomNode, shares: Mapping[str, float] | None = None) -> float:
         """0..1: is a room of the kind asked for. shares: how likely each kind is, where more is known than the room's labels."""
-        if fold(wanted) == fold(room.label) or fold(wanted) == fold(room.id):
+        if fold(wanted) == fold(room.id):
             return 1.0
-        kind = self.names.canonical_room(wanted)
-        if kind == self.names.canonical_room(room.label):
-            return _SURE
+        kind, label = self.names.canonical_room(wanted), self.names.canonical_room(room.label)
         likely = shares if shares is not None else self._shares(room)
         best = max(likely.values(), default=0.0)
+        leads = best == 0 or likely.get(label, 0.0) >= best
+        if kind == label and leads:
+            return 1.0 if fold(wanted) == fold(room.label) else _SURE
         if best > 0 and kind in likely:
             return _BEST * max(0.0, (likely[kind] / best - 0.5) / 0.5)
         if not self.names.known_room(wanted) and room.label != UNTOLD:
@@ -92,18 +97,23 @@ class Places:
 
     def grades(self, wanted: str, index: Index) -> NDArray[np.float64]:
         """[R] ``grade`` of every room of a graph, each seen among the others and by its windows."""
-        rooms = index.graph.rooms
-        taken = {self.names.canonical_room(room.label) for room in rooms if room.label != UNTOLD}
-        out = np.zeros(len(rooms))
-        for k, room in enumerate(rooms):
-            shares = None
-            if room.label == UNTOLD:
+        shares = [self._shares(room) for room in index.graph.rooms]
+        surest: dict[str, float] = {}
+        for of_room in shares:
+            for kind, share in of_room.items():
+                surest[kind] = max(surest.get(kind, 0.0), share)
+        out = np.zeros(len(shares))
+        for k, room in enumerate(index.graph.rooms):
+            likely = shares[k]
+            if likely.get(self.names.canonical_room(room.label), 0.0) < _TELLING and len(likely):
                 glazed = self._room(room, index).glazed
-                shares = {
-                    kind: share * (_TAKEN if kind in taken else 1.0) * (1.0 + _GLAZED * glazed * (kind in _AIRY))
-                    for kind, share in self._shares(room).items()
+                likely = {
+                    kind: share
+                    * (1.0 - _TAKEN * (surest[kind] if surest[kind] > share else 0.0))
+                    * (1.0 + _GLAZED * glazed * (kind in _AIRY))
+                    for kind, share in likely.items()
                 }
-            out[k] = self.grade(wanted, room, shares)
+            out[k] = self.grade(wanted, room, likely)
         return out
 
     # ------------------------------------------------------------------------------------------------ parts of rooms

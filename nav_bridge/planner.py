@@ -16,7 +16,8 @@ from nav_bridge.approach import ApproachPose, Unreachable, find_approach
 from nav_bridge.config import BridgeSettings
 from nav_bridge.evidence import MATCH, Knowledge
 from nav_bridge.geofence import Geofence
-from nav_bridge.language import GoalSpec, parse
+from nav_bridge.goal import GoalSpec
+from nav_bridge.language import parse
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution
 from nav_bridge.resolve import resolve
 from nav_bridge.room_goal import find_place_inside, looked_at, resolve_room, room_floor, wanted_room

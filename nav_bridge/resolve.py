@@ -14,8 +14,8 @@ from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot
 from nav_bridge import relations as rel
 from nav_bridge.evidence import Knowledge
-from nav_bridge.judge import Cases, Rows, by_relation, by_rooms, eye_of_room, named
-from nav_bridge.language import GoalSpec
+from nav_bridge.goal import GoalSpec
+from nav_bridge.judge import Cases, Eye, Rows, by_relation, by_rooms, named
 from nav_bridge.relations import Floats
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Resolved
 
@@ -50,9 +50,10 @@ def resolve(
     cases = named(spec, index, knowledge, least=s.maybe_label, min_existence=s.min_existence)
     if not len(cases):
         return NotFound(f"no {what} is known here", ())
+    eye = Eye(robot_xy, spec.seen_from)
     doubt = by_rooms(cases, spec, knowledge, s.min_room)
     for relation in spec.relations:
-        doubt = by_relation(cases, relation, knowledge, robot_xy, s.min_label, s.min_relation) or doubt
+        doubt = by_relation(cases, relation, knowledge, eye, s.min_label, s.min_relation) or doubt
     sure = np.flatnonzero(cases.alive & (cases.label >= s.min_label))
     if not len(sure):
         return _none_sure(cases, what, settings)
@@ -62,7 +63,7 @@ def resolve(
     others = np.ones(len(cases), bool)
     others[rivals] = False
     cases.reject(others & (cases.label >= s.min_label), lambda _: "fits less well")
-    return _choose(rivals, cases, spec, robot_xy, doubt, settings)
+    return _choose(rivals, cases, spec, eye, doubt, settings)
 
 
 def _listed(cases: Cases, settings: ResolveSettings) -> tuple[Candidate, ...]:
@@ -83,17 +84,24 @@ def _none_sure(cases: Cases, what: str, settings: ResolveSettings) -> Resolution
 
 
 def _without_fragments(rivals: Rows, cases: Cases) -> Rows:
-    """Rivals without those that are a small piece, left over by fusion, of a bigger one in the same place."""
+    """Rivals without those that fusion left over of a bigger one: a small piece beside it, or what fills the same space."""
     boxes = cases.boxes.take(rivals)
     points = cases.index.points[cases.rows[rivals]]
-    part, whole = np.nonzero(points[:, None] < 0.35 * points[None])
+    room = np.prod(boxes.size_m, 1)
+    off = boxes.center_m[:, None, :2] - boxes.center_m[None, :, :2]
+    reach = boxes.radius_m[:, None] + boxes.radius_m[None] + 0.1
+    part, whole = np.nonzero(np.hypot(off[..., 0], off[..., 1]) < reach)
     apart = np.maximum(boxes.bottom_m[part] - boxes.top_m[whole], boxes.bottom_m[whole] - boxes.top_m[part])
-    off = boxes.center_m[part, :2] - boxes.center_m[whole, :2]
-    close = np.hypot(off[:, 0], off[:, 1]) < boxes.radius_m[part] + boxes.radius_m[whole] + 0.1
-    part, whole = part[close & (apart < 0.1)], whole[close & (apart < 0.1)]
-    touch = rel.plan_gap(boxes.take(part), boxes.take(whole)) < 0.1
-    # A piece of a piece: the biggest there is counts.
-    of = {int(p): int(w) for p, w in sorted(zip(part[touch], whole[touch], strict=True), key=lambda pw: points[pw[1]])}
+    level = (apart < 0.1) & (part != whole)
+    part, whole = part[level], whole[level]
+    a, b = boxes.take(part), boxes.take(whole)
+    piece = (points[part] < 0.35 * points[whole]) & (rel.plan_gap(a, b) < 0.1)
+    # Of two that lie in each other the one that takes more room is the whole, unless it is but a few points of the other.
+    within = (rel.plan_overlap(a, b) > 0.5) & (points[whole] >= 0.35 * points[part])
+    within &= (room[part] < room[whole]) | ((room[part] == room[whole]) & (part > whole))
+    of: dict[int, int] = {}
+    for p, w in zip(part[piece | within], whole[piece | within], strict=True):
+        of.setdefault(int(p), int(w))
     out = np.zeros(len(cases), bool)
     out[rivals[list(of)]] = True
     name = {int(rivals[p]): cases.index.graph.instances[cases.rows[rivals[w]]].id for p, w in of.items()}
@@ -105,7 +113,7 @@ def _choose(
     rivals: Rows,
     cases: Cases,
     spec: GoalSpec,
-    robot_xy: tuple[float, float],
+    eye: Eye,
     doubt: str,
     settings: ResolveSettings,
 ) -> Resolution:
@@ -114,7 +122,7 @@ def _choose(
     if related:
         key = cases.order[rivals]
     elif spec.choice:
-        key = _rank_key(spec.choice, rivals, cases, robot_xy)
+        key = _rank_key(spec.choice, rivals, cases, eye)
     else:
         key = -cases.score[rivals]
     ordered = rivals[np.lexsort((cases.rows[rivals], np.round(key, 6)))]
@@ -131,15 +139,14 @@ def _choose(
     return Ambiguous(best, _question(ordered, cases), considered)
 
 
-def _rank_key(choice: str, rivals: Rows, cases: Cases, robot_xy: tuple[float, float]) -> Floats:
+def _rank_key(choice: str, rivals: Rows, cases: Cases, eye: Eye) -> Floats:
     """[n] what a choice among equals goes by, smallest first; nearest to the robot unless it says otherwise."""
     boxes = cases.boxes.take(rivals)
-    here = np.array(robot_xy, np.float64)
-    away = np.hypot(*(boxes.center_m[:, :2] - here).T)
+    away = np.hypot(*(boxes.center_m[:, :2] - np.array(eye.robot_xy)).T)
     if choice in ("left", "right"):
         rooms = np.unique(cases.index.room[cases.rows[rivals]])
-        eye = eye_of_room(cases.index, int(rooms[0]), here, "") if len(rooms) == 1 and rooms[0] >= 0 else here
-        leftward = rel.bearing(boxes, eye, boxes.center_m[:, :2].mean(0))
+        place = eye.on_room(cases.index, int(rooms[0]) if len(rooms) == 1 else -1)
+        leftward = rel.bearing(boxes, place, boxes.center_m[:, :2].mean(0))
         return leftward if choice == "right" else -leftward
     volume = cases.index.volume_m3[cases.rows[rivals]]
     keys: dict[str, Floats] = {

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from irsd.graph.model import GraphSnapshot, RoomNode
 from nav_bridge.approach import ApproachPose, ApproachSettings, Unreachable, in_polygon
 from nav_bridge.evidence import MATCH, Knowledge
-from nav_bridge.language import GoalSpec
+from nav_bridge.goal import GoalSpec
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Resolved
 from nav_bridge.route import CostMap, connected_to, snap_to_passable
 

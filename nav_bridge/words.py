@@ -72,11 +72,11 @@ TAILS = _phrases(
 # Words that tell a Latin-script language from another.
 _MARKS = {
     "en": "i am me the a an to of with is my where next near at on under above beside between something somewhere please find go nearest any in for",
-    "de": "der die das den dem des ein eine einen einer neben im am auf unter über vor hinter zwischen bei mit zum zur wo ist beim "
+    "de": "links rechts der die das den dem des ein eine einen einer neben im am auf unter über vor hinter zwischen bei mit zum zur wo ist beim "
     "etwas nicht und kann ich der nähe von",
-    "fr": "le la les un une des du de dans sur sous près côté où est au aux devant derrière entre avec à quelque chose pour l d",
-    "es": "el la los las un una unos unas del de en sobre bajo debajo junto cerca lado dónde está delante detrás entre con al algo para encima",
-    "it": "il lo la gli le un una uno del della dello dei nel nella nello sul sulla sotto sopra accanto vicino davanti dietro tra fra con "
+    "fr": "gauche droite depuis vu vue plus le la les un une des du de dans sur sous près côté où est au aux devant derrière entre avec à quelque chose pour l d",
+    "es": "a izquierda derecha desde visto vista más hasta el la los las un una unos unas del de en sobre bajo debajo junto cerca lado dónde está delante detrás entre con al algo para encima",
+    "it": "sinistra destra dalla dal visto vista più nell sull dell all dall nei il lo la gli le un una uno del della dello dei nel nella nello sul sulla sotto sopra accanto vicino davanti dietro tra fra con "
     "in di da al alla qualcosa per dove l",
 }
 MARKS: Mapping[str, frozenset[str]] = MappingProxyType(
@@ -86,15 +86,30 @@ MARKS: Mapping[str, frozenset[str]] = MappingProxyType(
 # Relations: how the goal (or its room) is placed against something else.
 _RELATIONS: Mapping[str, Mapping[str, str]] = {
     "near": {
-        "en": "next to | near | near to | nearby | beside | by | close to | adjacent to | alongside | around | to the side of | at the side of | left of | "
-        "right of | to the left of | to the right of | on the left of | on the right of | attached to | touching",
-        "de": "neben | nahe | bei | beim | in der nähe von | in der nähe vom | in der nähe des | in der nähe der | links von | rechts von | links vom | "
-        "rechts vom | links neben | rechts neben | direkt neben",
-        "fr": "à côté de | à côté du | à côté des | près de | près du | près des | à gauche de | à gauche du | à droite de | à droite du | proche de | proche du",
-        "es": "al lado de | al lado del | junto a | junto al | cerca de | cerca del | a la izquierda de | a la izquierda del | a la derecha de | a la derecha del",
+        "en": "next to | near | near to | nearby | beside | by | close to | adjacent to | alongside | around | to the side of | at the side of | "
+        "attached to | touching",
+        "de": "neben | nahe | bei | beim | in der nähe von | in der nähe vom | in der nähe des | in der nähe der | direkt neben",
+        "fr": "à côté de | à côté du | à côté des | près de | près du | près des | à côté d | près d | proche de | proche du",
+        "es": "al lado de | al lado del | junto a | junto al | cerca de | cerca del | al costado de",
         "it": "accanto a | accanto al | accanto alla | accanto allo | accanto all | vicino a | vicino al | vicino alla | vicino allo | vicino all | "
         "di fianco a | di fianco al | di fianco alla | presso | a fianco del | a fianco della",
-        "ru": "рядом с | рядом со | возле | около | у | близко к | недалеко от | слева от | справа от",
+        "ru": "рядом с | рядом со | возле | около | у | близко к | недалеко от | около",
+    },
+    "left": {
+        "en": "left of | to the left of | on the left of | on the left side of | at the left of | on the left hand side of | on the left hand of",
+        "de": "links von | links vom | links neben | links der | links des | auf der linken seite von | auf der linken seite vom",
+        "fr": "à gauche de | à gauche du | à gauche des | à gauche d | sur la gauche de | sur la gauche du",
+        "es": "a la izquierda de | a la izquierda del | a mano izquierda de | a mano izquierda del",
+        "it": "a sinistra di | a sinistra del | a sinistra della | a sinistra dello | a sinistra dell | alla sinistra di | alla sinistra del | alla sinistra della",
+        "ru": "слева от | левее | по левую сторону от",
+    },
+    "right": {
+        "en": "right of | to the right of | on the right of | on the right side of | at the right of | on the right hand side of | on the right hand of",
+        "de": "rechts von | rechts vom | rechts neben | rechts der | rechts des | auf der rechten seite von | auf der rechten seite vom",
+        "fr": "à droite de | à droite du | à droite des | à droite d | sur la droite de | sur la droite du",
+        "es": "a la derecha de | a la derecha del | a mano derecha de | a mano derecha del",
+        "it": "a destra di | a destra del | a destra della | a destra dello | a destra dell | alla destra di | alla destra del | alla destra della",
+        "ru": "справа от | правее | по правую сторону от",
     },
     "at": {"en": "at | belonging to | for | of | from", "de": "am | an | an der | an dem | zu | zum | vom | von", "ru": "за"},
     "of": {"fr": "de | du | de la | de l | des | d", "es": "de | del | de la | de los", "it": "di | del | della | dello | dell | dei | da"},
@@ -149,8 +164,15 @@ _RELATIONS: Mapping[str, Mapping[str, str]] = {
     },
     "with": {"en": "with | that has | which has | having | holding", "de": "mit", "fr": "avec", "es": "con", "it": "con", "ru": "с | со"},
     "without": {"en": "without", "de": "ohne", "fr": "sans", "es": "sin", "it": "senza", "ru": "без"},
-    "nearest": {"en": "closest to | nearest to | nearest | closest", "de": "am nächsten zu | am nächsten bei", "ru": "ближе всего к"},
-    "farthest": {"en": "farthest from | furthest from"},
+    "nearest": {
+        "en": "closest to | nearest to | nearest | closest",
+        "de": "am nächsten zu | am nächsten bei | am nächsten an | am nächsten am | am nächsten beim | am nächsten zum | am nächsten zur",
+        "fr": "le plus proche de | la plus proche de | le plus proche du | la plus proche du | plus proche de | plus proche du | le plus près de | la plus près du",
+        "es": "más cercano a | más cercana a | más cercano al | más cercana al | más cerca de | más cerca del | el más cercano a | la más cercana a | la más cercana al",
+        "it": "più vicino a | più vicina a | più vicino al | più vicina al | più vicino alla | più vicina alla | più vicina allo | più vicino allo",
+        "ru": "ближе всего к | ближайший к | ближайшая к | ближайшее к | ближайшую к",
+    },
+    "farthest": {"en": "farthest from | furthest from", "de": "am weitesten von | am weitesten vom", "fr": "le plus loin de | la plus éloignée de", "ru": "дальше всего от"},
 }  # fmt: skip
 
 
@@ -170,7 +192,10 @@ SUFFIX_RELATIONS: tuple[tuple[str, str], ...] = tuple(
         (
             (word, kind)
             for kind, words in {
-                "near": "旁边 旁 附近 边上 左边 右边 左侧 右侧 隣 横 そば 近く 脇 左 右 となり",
+                "near": "旁边 旁 附近 边上 隣 横 そば 近く 脇 となり",
+                "left": "左边 左侧 左面 左 左側 左手",
+                "right": "右边 右侧 右面 右 右側 右手",
+                "between": "之间 中间 间 之間 間",
                 "on": "上面 上 うえ",
                 "under": "下面 底下 下 した",
                 "above": "上方 真上",
@@ -197,6 +222,54 @@ NEGATIONS = _phrases(
 )
 
 
+def _viewpoints(table: Mapping[str, Mapping[str, str]]) -> Mapping[str, tuple[tuple[tuple[str, ...], str], ...]]:
+    """Per language, (tokens, eye), longest first."""
+    rows = {
+        lang: [(tuple(fold(p).split()), eye) for eye, text in eyes.items() for p in text.split("|")]
+        for lang, eyes in table.items()
+    }
+    return MappingProxyType(
+        {lang: tuple(sorted(r, key=lambda x: (-len(x[0]), -len(x[0][0]), x))) for lang, r in rows.items()}
+    )
+
+
+# From where left is left.
+VIEWPOINTS = _viewpoints(
+    {
+        "en": {
+            "door": "seen from the door | as seen from the door | viewed from the door | looking from the door | when seen from the door | from the doorway | seen from the doorway | "
+            "seen from the entrance | when you enter | when you come in | as you enter | when entering | coming in | coming in from the door | from the door",
+            "robot": "seen from me | seen from here | from here | from my side | from your side | seen from you | seen from the robot | as you see it | from where you are | as seen from here",
+        },
+        "de": {
+            "door": "von der tür aus | von der tür aus gesehen | von der tür gesehen | vom eingang aus | vom eingang aus gesehen | wenn man hereinkommt | wenn man reinkommt",
+            "robot": "von dir aus | von dir aus gesehen | von hier aus | von hier aus gesehen | von mir aus gesehen",
+        },
+        "fr": {
+            "door": "vu de la porte | vue de la porte | vu depuis la porte | vue depuis la porte | depuis la porte | en entrant",
+            "robot": "vu d ici | vue d ici | depuis ici | de ton point de vue",
+        },
+        "es": {
+            "door": "visto desde la puerta | vista desde la puerta | desde la puerta | al entrar | entrando",
+            "robot": "visto desde aquí | vista desde aquí | desde aquí",
+        },
+        "it": {
+            "door": "visto dalla porta | vista dalla porta | dalla porta | guardando dalla porta | entrando",
+            "robot": "visto da qui | vista da qui | da qui",
+        },
+        "ru": {
+            "door": "если смотреть от двери | если смотреть с порога | от двери | от входа | если войти | при входе",
+            "robot": "отсюда | если смотреть отсюда | от тебя",
+        },
+        "zh": {"door": "从门口看 | 从门看 | 从门口看去 | 从门口看过去 | 进门", "robot": "从这里看 | 从这儿看"},
+        "ja": {
+            "door": "ドアから見て | 入口から見て | 入り口から見て | 扉から見て",
+            "robot": "ここから見て | そこから見て",
+        },
+    }
+)
+
+
 def words(text: str) -> frozenset[str]:
     """Blank-separated words, folded, as a set."""
     return frozenset(fold(text).split())
@@ -213,24 +286,50 @@ ANY = words(
     "any some whichever irgendein irgendeine irgendeinen quelconque algún alguna cualquier qualsiasi qualche любой любая любое любую"
 )
 NEAREST = words(
-    "nearest closest nächste nächsten nächster nächstes nächstgelegene nächstgelegenen más-cercano cercano cercana ближайший ближайшая ближайшее ближайшую ближайшему"
+    "nearest closest nächste nächsten nächster nächstes nächstgelegene nächstgelegenen más-cercano cercano cercana ближайший ближайшая ближайшее ближайшую ближайшему proche vicino vicina"
 )
-FARTHEST = words("farthest furthest")
+FARTHEST = words(
+    "farthest furthest weiteste weitesten entfernteste entferntesten éloigné éloignée lejano lejana lontano lontana дальний дальняя дальнее дальнего"
+)
 LARGEST = words("largest biggest größte größten größter größtes самый-большой 最大")
 SMALLEST = words("smallest littlest tiniest kleinste kleinsten kleinster kleinstes 最小")
 TALLEST = words("tallest highest")
 LOWEST = words("lowest shortest")
+# Before an adjective these make a superlative: la plus grande, el más grande, самый большой.
+MOST = words("plus más più самый самая самое самую самого самой most am")
+SUPERLATIVES: Mapping[str, str] = MappingProxyType(
+    {"large": "largest", "small": "smallest", "tall": "tallest", "low": "lowest"}
+)
+LEFT = words(
+    "left leftmost lefthand links linke linker linkes linken gauche izquierda izquierdo sinistra sinistro слева левый левая левое левую левого"
+)
+RIGHT = words(
+    "right rightmost righthand rechts rechte rechter rechtes rechten droite derecha derecho destra destro справа правый правая правое правую правого"
+)
+# What may stand with left and right: on the left hand side, de la izquierda, à gauche.
+SIDE = words("side hand end seite côté lado mano lato стороне сторона a al alla à de di du")
 ORDINALS: Mapping[str, int] = MappingProxyType(
     {
         word: n
         for n, row in enumerate(
-            ("first 1st erste", "second 2nd zweite", "third 3rd dritte", "fourth 4th vierte", "fifth 5th fünfte"), 1
+            (
+                "first 1st erste ersten erster erstes premier première primero primera primo prima первый первая первое первую первому",
+                "second 2nd zweite zweiten zweiter zweites deuxième seconde segundo segunda secondo seconda второй вторая второе вторую второму",
+                "third 3rd dritte dritten dritter drittes troisième tercero tercera terzo terza третий третья третье третью третьему",
+                "fourth 4th vierte vierten vierter viertes quatrième cuarto cuarta quarto quarta четвертый четвертая четвертое четвертую",
+                "fifth 5th fünfte fünften fünfter fünftes cinquième quinto quinta пятый пятая пятое пятую",
+            ),
+            1,
         )
         for word in fold(row).split()
     }
 )
 ME = words("me here us you robot mir hier moi ici mí aquí me-qui мне меня")
 PRONOUNS = words("it them top him one ones")
+# What was spoken of last, alone or as what a relation refers to.
+BACK = words(
+    "it there that ihm ihr ihn dort dorthin dahin damit là ça lui y allí allá eso ello lì là esso quello quella это нему нему ней ним туда там него неё него 它 那里 那儿 那边 そこ それ あれ あそこ"
+)
 # Words between a thing and its relation that say nothing: "the lamp that is standing on ...".
 FILLERS = words(
     "that which is are was stands standing hanging hangs hung located placed lying lies sitting sits mounted kept stored situated there you can see just directly right "
@@ -240,62 +339,14 @@ CORNER = words("corner ecke coin esquina rincón angolo углу угол 角落
 FLOOR = words("floor ground boden fußboden sol suelo piso pavimento terra полу пол 地板 地上 床")
 WALL = words("wall walls wand mur pared muro parete стене стена 墙 墙上 壁")
 CEILING = words("ceiling decke plafond techo soffitto потолке потолок 天花板 天井")
+HERE = words("room zimmer raum raumes zimmers pièce cuarto stanza комната комнаты комнате 房间 部屋")  # whichever it is
 MIDDLE = words("middle centre center mitte milieu medio centro середине")
 
-_COLOURS = {
-    "red": "red rot rote roter rotes roten rouge rojo roja rosso rossa красный красная красное 红 红色 赤 赤い",
-    "orange": "orange orangefarben orangene naranja arancione оранжевый оранжевая 橙 橙色 橘色 オレンジ オレンジ色",
-    "yellow": "yellow gelb gelbe gelber gelbes gelben jaune amarillo amarilla giallo gialla желтый желтая желтое 黄 黄色 黄色い",
-    "green": "green grün grüne grüner grünes grünen vert verte verde зеленый зеленая зеленое 绿 绿色 緑 緑色",
-    "blue": "blue blau blaue blauer blaues blauen bleu bleue azul blu azzurro azzurra синий синяя синее голубой 蓝 蓝色 青 青い",
-    "purple": "purple violet lila violett violette morado morada viola фиолетовый 紫 紫色",
-    "pink": "pink rosa rose розовый 粉色 ピンク",
-    "brown": "brown braun braune brauner braunes marron marrón marrone коричневый коричневая 棕色 茶色",
-    "black": "black schwarz schwarze schwarzer schwarzes schwarzen noir noire negro negra nero nera черный черная черное 黑 黑色 黒 黒い",
-    "white": "white weiß weiße weißer weißes weißen blanc blanche blanco blanca bianco bianca белый белая белое 白 白色 白い",
-    "grey": "grey gray grau graue grauer graues gris grise grigio grigia серый серая серое 灰色",
-    "beige": "beige cream бежевый 米色",
-}
-_SIZES = {
-    "small": "small little tiny mini compact klein kleine kleiner kleines kleinen petit petite pequeño pequeña piccolo piccola маленький маленькая маленькое 小 小さい",
-    "large": "large big huge great groß große großer großes großen grand grande gran grosso большой большая большое 大 大きい",
-    "tall": "tall high hoch hohe hoher hohes haut haute alto alta высокий высокая",
-    "low": "low niedrig niedrige bas basse bajo baja basso bassa низкий низкая",
-    "long": "long lang lange langer langes longue largo larga lungo lunga длинный длинная",
-    "narrow": "narrow slim thin schmal schmale",
-    "wide": "wide broad breit breite",
-}
-_KINDS = {
-    "wooden": "wooden wood holz hölzern en-bois madera legno деревянный деревянная 木 木製",
-    "metal": "metal steel iron metallic metall metallen métal acero metallo металлический",
-    "glass": "glass gläsern verre cristal vetro стеклянный",
-    "plastic": "plastic kunststoff plastique plástico plastica",
-    "leather": "leather leder cuir cuero pelle кожаный",
-    "round": "round circular rund runde runder rundes rond ronde redondo redonda rotondo rotonda круглый круглая 圆 丸い",
-    "square": "square rectangular eckig quadratisch carré carrée cuadrado quadrato",
-    "standing": "standing floor-standing freestanding upright",
-    "wall-mounted": "wall-mounted mounted hanging wall",
-    "double": "double doppel",
-    "single": "single einzel",
-    "framed": "framed gerahmt gerahmte encadré encadrée",
-    "old": "old alt alte",
-    "new": "new neu neue",
-    "empty": "empty leer leere",
-    "open": "open offen offene",
-}
-
-
-def _attribute_table() -> Mapping[str, tuple[str, str]]:
-    groups = (("colour", _COLOURS), ("size", _SIZES), ("kind", _KINDS))
-    return MappingProxyType(
-        {
-            word: (group, name)
-            for group, table in groups
-            for name, text in table.items()
-            for word in fold(text.replace("-", "")).split()
-        }
-    )
-
-
-# Folded word -> (group, canonical English attribute).
-ATTRIBUTES = _attribute_table()
+# Doors that have a room on one side only.
+OUTER_DOORS = frozenset(
+    fold(name)
+    for name in (  # noqa: SIM905
+        "front door|entrance door|entry door|main door|main entrance|house door|outside door|exterior door|back door|Haustür|Eingangstür|Wohnungstür|"
+        "porte d'entrée|porte principale|puerta principal|puerta de entrada|porta d'ingresso|porta principale|входная дверь|大门|入口的门|玄関|玄関ドア"
+    ).split("|")
+)
