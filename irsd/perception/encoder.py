@@ -31,11 +31,12 @@ class TextEncoder:
     The files are checked and opened at the first ``encode``; ``load`` does it at once.
     """
 
-    def __init__(self, threads: int = 1) -> None:
+    def __init__(self, threads: int = 1, session: Session | None = None) -> None:
+        """session: the network, where someone has opened it already."""
         self._threads = threads
         self._cache: dict[str, NDArray[np.float32]] = {}
         self._tokenizer: Tokenizer | None = None
-        self._session: Session | None = None
+        self._session = session
 
     @classmethod
     def load(cls, threads: int = 1) -> TextEncoder:
@@ -67,8 +68,9 @@ class TextEncoder:
         return np.asarray(pooled / max(float(np.linalg.norm(pooled)), 1e-12), np.float32)
 
     def _opened(self) -> tuple[Tokenizer, Session]:
-        if self._tokenizer is None or self._session is None:
+        if self._tokenizer is None:
             self._tokenizer = bert_tokenizer()
+        if self._session is None:
             self._session = Session(
                 packaged_path(MINILM_WEIGHTS),
                 threads=self._threads,

@@ -1,0 +1,1 @@
+"""Getting models ready for work: fetch, check, quantise, judge. For irsctl; the daemon imports nothing of it."""
