@@ -26,7 +26,7 @@ _PROMPT = ("image_embeddings", "point_coords", "point_labels", "mask_input", "ha
 
 def make(folder: Path) -> None:
     """encoder.onnx (``images``), encoder_bytes.onnx (``input_image``), decoder_single.onnx, decoder_multi.onnx, reference.npz."""
-    mobile_sam = _package()
+    mobile_sam = package()
     model = seeded(lambda: _tiny(mobile_sam), seed=11)
     with torch.no_grad():  # masks that depend on the prompt, and not always the same one best
         for weight in model.mask_decoder.parameters():
@@ -112,7 +112,7 @@ def _export_decoder(module: torch.nn.Module, path: Path) -> None:
     trace(module, dict(zip(_PROMPT, values, strict=True)), names, dynamic, path)
 
 
-def _package() -> Any:
+def package() -> Any:
     """mobile_sam without timm and torchvision, of which it takes a few small functions: an installed timm breaks transformers."""
     layers = types.ModuleType("timm.models.layers")
     layers.DropPath = torch.nn.Identity
