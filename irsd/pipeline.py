@@ -53,7 +53,7 @@ class MapPipeline:
         path = settings.mapping.network.model
         self._mapper = Mapper(settings.mapping, PointNetwork(Path(path)) if path else None)
         self._room_stage = RoomStage(settings.rooms)
-        self._memory = InstanceMemory(settings.fusion, labels.encode)
+        self._memory = InstanceMemory(settings.fusion, labels.encode, self._mapper)
         self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)
         self._graph = SceneGraph(map_id=map_id, frame=frame)
         self._rooms: Rooms | None = None
@@ -86,7 +86,8 @@ class MapPipeline:
 
         # 4. What the LiDAR saw through: things that are no longer there.
         with _timed(ms, "fusion"):
-            self._memory.watch(frame.scan.origin_map, frame.scan.points_map, frame.stamp_ns)
+            free = self._memory.watch(frame.scan.origin_map, frame.scan.points_map, frame.stamp_ns)
+            self._mapper.forget(free)
 
         # 5. The graph, when its period is over.
         delta = None
@@ -126,7 +127,8 @@ class MapPipeline:
         self._room_stage.restore(
             [number_of(room.id) for room in snapshot.rooms], [footprint_of(room) for room in snapshot.rooms]
         )
-        self._memory.restore([_state(node, arrays[node.id]) for node in snapshot.instances if node.id in arrays])
+        there = [node for node in snapshot.instances if node.id in arrays and node.state != "gone"]
+        self._memory.restore([_state(node, arrays[node.id]) for node in there])
 
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
@@ -154,6 +156,7 @@ def _state(node: InstanceNode, arrays: InstanceArrays) -> InstanceState:
         existence=node.existence,
         first_seen_ns=node.first_seen_ns,
         last_seen_ns=node.last_seen_ns,
+        state=node.state,
     )
 
 

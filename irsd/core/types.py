@@ -245,7 +245,7 @@ class InstanceState:
 
     points_map: float32 [N, 3]; embedding: float32 [D] unit length or None; labels: (name, score) best first, scores sum to <= 1.
     room: id of the room that holds it, 0 = none. observations: pictures that saw it. existence: 0..1.
-    state: present | moved | gone (its place was found empty; it ends soon).
+    state: present | moved (it stands elsewhere than where it was first found) | gone (its place was found empty; it ends soon).
     """
 
     id: int

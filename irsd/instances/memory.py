@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, KnownThings, Rooms
 from irsd.instances.associate import add_meanings, alike, match
-from irsd.instances.change import ChangeWatch
+from irsd.instances.departures import NO_MAP, Departures, Surroundings
 from irsd.instances.known import known_things
 from irsd.instances.lift import LiftedView
 from irsd.instances.record import Embed, Instance, Names
@@ -36,7 +35,8 @@ _CHECKED = 32  # unconfirmed instances looked at per collect
 class InstanceMemory:
     """Owner of the instances. ``observe`` every view in time order, ``collect`` what changed whenever it is wanted."""
 
-    def __init__(self, settings: FusionSettings, embed: Embed) -> None:
+    def __init__(self, settings: FusionSettings, embed: Embed, surroundings: Surroundings = NO_MAP) -> None:
+        """surroundings: the map of which the masks are."""
         self.settings = settings
         self._blind = True  # until a picture tells what it saw beside its masks
         self._rules, self._limits = settings.rules(self._blind), settings.limits(self._blind)
@@ -47,9 +47,9 @@ class InstanceMemory:
         self._waiting: deque[int] = deque()
         self._views = 0
         self._rooms: Rooms | None = None
-        self._watch = ChangeWatch(settings.change)
-        self._gone: dict[int, InstanceState] = {}  # not yet told of as gone
-        self._gone_ns: dict[int, int] = {}  # when; until it ends
+        self._change = Departures(
+            settings.change, self._names, self._voxels, self._roster, surroundings, self._state, self._drop
+        )
         self._ended: list[int] = []
         self._merged: list[tuple[int, int]] = []
 
@@ -88,6 +88,7 @@ class InstanceMemory:
         measured = np.array([m.measured for m in masks], np.bool_)
         add_meanings(self._roster.things, slots, meanings, dims * measured)
         self._add_evidence(rows, starts, slots, shown)
+        self._change.picture(view.map_T_camera, view.stamp_ns, masks, slots, found.missed, lifted.seen_map)
 
     def known(self, points_map: Floats, dimension: int) -> KnownThings:
         """The instances that own map points float32 [K, 3], with their embeddings of that ``dimension``."""
@@ -136,14 +137,12 @@ class InstanceMemory:
                 if not instance.published:
                     things.size[slot] += len(new)
 
-    def watch(self, origin_map: NDArray[np.float64], points_map: Floats, stamp_ns: int) -> None:
-        """One scan float32 [N, 3] taken from origin_map [3]: what its rays pass through, look by look, is no longer there."""
-        for instance_id in self._watch.look(origin_map, points_map, stamp_ns):
-            instance = self._roster.by_id[instance_id]
-            state = self._state(instance)
-            self._gone[instance_id] = replace(state, existence=0.0, state="gone", last_seen_ns=instance.last_seen_ns)
-            self._gone_ns[instance_id] = stamp_ns
-            self._drop(instance)
+    def watch(self, origin_map: NDArray[np.float64], points_map: Floats, stamp_ns: int) -> Floats:
+        """One scan float32 [N, 3] taken from origin_map [3]: finds out, look by look, what is no longer there.
+
+        Returns the points of the map float32 [k, 3] where nothing is any more.
+        """
+        return self._change.look(origin_map, points_map, stamp_ns)
 
     def _drop(self, instance: Instance) -> None:
         """Take an instance out with all its claims."""
@@ -167,8 +166,9 @@ class InstanceMemory:
     def collect(self, stamp_ns: int) -> InstanceUpdate:
         """Merge what proved to be one, settle who owns which voxel, and report what changed since the last call."""
         by_id, by_slot = self._roster.by_id, self._roster.by_slot
-        touched = [i for i in sorted(self._touched) if i in by_id]
+        touched = [i for i in sorted({*self._touched, *self._change.touched}) if i in by_id]
         self._touched.clear()
+        self._change.touched.clear()
         stock = {i: self._settle(by_id[i]) for i in touched}
         for instance_id in touched:
             if instance_id in by_id:
@@ -181,12 +181,10 @@ class InstanceMemory:
             if instance_id in by_id:
                 self._publish(by_id[instance_id], changed)
         self._forget()
-        changed += [self._gone.pop(i) for i in sorted(self._gone)]
-        keep_ns = round(self.settings.change.keep_s * 1e9)
-        over = [i for i, at_ns in self._gone_ns.items() if stamp_ns >= at_ns + keep_ns]
-        self._ended += [i for i in over if self._gone_ns.pop(i) >= 0]
-        ended, self._ended = tuple(sorted(self._ended)), []
-        merges, self._merged = tuple(self._merged), []
+        told, over, found = self._change.tell(stamp_ns)
+        changed += told
+        ended, self._ended = tuple(sorted(self._ended + over)), []
+        merges, self._merged = tuple(self._merged + found), []
         return InstanceUpdate(stamp_ns, tuple(changed), ended, merges)
 
     def _settle(self, instance: Instance) -> Settled:
@@ -275,7 +273,7 @@ class InstanceMemory:
 
     def _leave(self, gone: Instance) -> list[tuple[int, tuple[int, int]]]:
         """Take an instance out; returns what was noted about it and its neighbours."""
-        self._watch.forget(gone.id)
+        self._change.forget(gone.id)
         for other_id in gone.beside:
             self._roster.by_id[other_id].beside.pop(gone.id)
         self._roster.remove(gone)
@@ -294,13 +292,14 @@ class InstanceMemory:
             and (s.plain or existence >= s.min_existence * slack)
         )
         if confirmed:
+            state = self._state(instance)
+            if len(state.points_map) and instance.last_view > self._views - _RECENT:
+                state = self._change.here(instance, state)
             instance.published = True
-            changed.append(self._state(instance))
-            if len(changed[-1].points_map) and instance.last_view > self._views - _RECENT:
-                self._watch.place(instance.id, changed[-1].points_map)
+            changed.append(state)
         elif instance.published:
             instance.published = False
-            self._watch.forget(instance.id)
+            self._change.forget(instance.id)
             self._ended.append(instance.id)
             self._waiting.append(instance.id)
 
@@ -330,6 +329,7 @@ class InstanceMemory:
             round(self._roster.existence(slot), 4),
             instance.first_seen_ns,
             instance.last_seen_ns,
+            "moved" if instance.moved else "present",
         )
 
     def states(self) -> tuple[InstanceState, ...]:
@@ -345,6 +345,7 @@ class InstanceMemory:
         for state in sorted(states, key=lambda s: s.id):
             instance = self._roster.create(state.first_seen_ns, state.room, state.id)
             instance.last_seen_ns, instance.last_view, instance.published = state.last_seen_ns, self._views, True
+            instance.moved = state.state == "moved"
             slot = np.array([instance.slot], np.int32)
             for name, share in state.labels:
                 instance.add_label(name, self._names.group(name), share * state.observations)
@@ -368,3 +369,4 @@ class InstanceMemory:
             cells.views[rows] = np.maximum(cells.views[rows], state.observations)
             instance.rows, instance.owned = [rows], rows
             things.level[slot], things.size[slot] = count, len(rows)
+            self._change.expect(instance)

@@ -48,6 +48,7 @@ class Instance:
     ascending: so many rows of the first chunk are in order.
 
     beside: id of another instance -> (pictures in which one mask covered both, pictures in which each had its own).
+    moved: it stands elsewhere than where it was first found.
     """
 
     id: int
@@ -61,11 +62,16 @@ class Instance:
     ascending: int = 0
     owned: Rows = field(default_factory=lambda: np.zeros(0, np.int32))
     published: bool = False
+    moved: bool = False
     beside: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def add_label(self, name: str, group: int, score: float) -> None:
         self.group_score[group] = self.group_score.get(group, 0.0) + score
         self.name_score[name] = self.name_score.get(name, 0.0) + score
+
+    def main_group(self) -> int:
+        """Number of the group of names that it was called by most."""
+        return max(self.group_score, key=lambda group: self.group_score[group])
 
     def compare(self, other: Instance, together: int, apart: int) -> None:
         """Note on both sides in how many pictures they were covered together and in how many they were apart."""

@@ -43,6 +43,16 @@ class Roster:
         self.things.id[instance.slot] = 0
         self._free.append(instance.slot)
 
+    def rename(self, instance: Instance, new_id: int) -> None:
+        """The instance goes on under another id, one that nobody has."""
+        del self.by_id[instance.id]
+        for other_id in instance.beside:
+            beside = self.by_id[other_id].beside
+            beside[new_id] = beside.pop(instance.id)
+        instance.id = new_id
+        self.by_id[new_id] = instance
+        self.things.id[instance.slot] = new_id
+
     def meanings(self, vectors: list[Floats]) -> tuple[Floats, NDArray[np.int32]]:
         """Unit vectors of a picture as (float32 [m, D], lengths int32 [m]); D is the longest ever given."""
         dims = np.array([len(v) for v in vectors], np.int32)

@@ -31,7 +31,8 @@ def warm_up() -> None:
         memory.observe(CameraView(stamp_ns, np.eye(4), camera, None, None), LiftedView(stamp_ns, lifted, cube), rooms)
         memory.collect(stamp_ns)
     memory.known(cube, 8)
-    memory.watch(np.zeros(3), cube + np.float32(1.0), len(clouds))
+    for stamp_s in range(1, 9):  # rays pass through all of it until it is gone
+        memory.watch(np.zeros(3), 4.0 * cube, stamp_s * 1_000_000_000)
     InstanceMemory(FusionSettings(), _embed).restore(memory.states())
     ids = np.zeros((8, 8), np.uint16)
     ids[2:6, 2:6] = 1

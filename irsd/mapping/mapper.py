@@ -187,6 +187,22 @@ class Mapper:
         )
         return self.voxels.mean.take(rows, 0), self.voxels.structure.take(rows)
 
+    def loose_points(self, low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Voxel points [K, 3] in a box that are not structure: what can be carried away."""
+        rows = self.voxels.rows_within(low, high)
+        shell = (Structure.WALL, Structure.FLOOR, Structure.CEILING)
+        return self.voxels.mean[rows[~np.isin(self.voxels.structure[rows], shell)]]
+
+    def made_ns(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
+        """When the voxels of points [N, 3] were first hit: int64 [N], 0 where there is none."""
+        rows = self.voxels.rows_at(points)
+        return np.where(rows >= 0, self.voxels.made_ns[rows], 0)
+
+    def forget(self, points: NDArray[np.float32]) -> None:
+        """Nothing is at points [N, 3] any more: what was carried away does not hide what is behind."""
+        if len(points):
+            self.voxels.remove(points)
+
     def navigation_grid(self) -> tuple[GridFrame, NDArray[np.int8]]:
         """(frame, int8 [H, W]) at the robot's height: 100 occupied, 0 free, -1 unknown. Costs a pass over the grid."""
         return self.grid.navigation()

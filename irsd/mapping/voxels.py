@@ -1,7 +1,7 @@
 """The voxel map: running means of points in sparse blocks, with normals from moments of coarse cells.
 
 Storage: a hash table from packed block key to slot; ``index[slot, 512]`` gives the compact row of a voxel; rows hold the mean
-point, hits, structure label and the stamp last seen. Every 2x2x2 voxels form a coarse cell that keeps ten moments of its
+point, hits, structure label and the stamps first and last seen. Every 2x2x2 voxels form a coarse cell that keeps ten moments of its
 points and a normal fitted over its 3x3x3 neighbours. All arrays have their final size from the start: the system provides
 the memory of a page when it is first written, so a small map is small and a growing one is never copied. A scan costs one sort
 of its points and work on its own voxels; beyond ``max_voxels`` the blocks farthest from the robot are forgotten, and counted.
@@ -69,12 +69,13 @@ class VoxelMap:
         self._rows, self._slots = _Numbers(), _Numbers()
         self.evicted = 0
         self.refused = 0
-        # By row: mean point (metres), points so far (bounded by memory_hits), label, stamp, coarse cell.
+        # By row: mean point (metres), points so far (bounded by memory_hits), label, stamps of last and first scan, coarse cell.
         rows = settings.max_voxels
         self.mean = np.zeros((rows, 3), np.float32)
         self.hits = np.zeros(rows, np.float32)
         self.structure = np.zeros(rows, np.uint8)
         self.seen_ns = np.zeros(rows, np.int64)
+        self.made_ns = np.zeros(rows, np.int64)
         self.coarse = np.zeros(rows, np.int32)
         # By slot: the block's packed key (0 = none), the slots + 1 of the 27 blocks around, the row + 1 of each voxel.
         self._max_blocks = blocks = max(settings.max_voxels // 40, 512)
@@ -111,12 +112,33 @@ class VoxelMap:
         """Row [N] of the voxel that holds each point [N, 3], -1 where there is none."""
         return self._find(kernels.pack_points(points, self.settings.voxel_m))[1]
 
+    def rows_within(self, low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Rows of the voxels whose points lie in a box from low [3] to high [3]. Costs a pass over the blocks."""
+        edge = kernels.BLOCK_EDGE * self.settings.voxel_m
+        slots = np.flatnonzero(self.blocks[: self.slot_count])
+        corner = kernels.unpack_blocks(self.blocks[slots]) * edge
+        slots = slots[((corner <= high) & (corner + edge >= low)).all(-1)]
+        entries = self.index[slots]
+        rows = entries[entries > 0] - np.int32(1)
+        within = ((self.mean[rows] >= low) & (self.mean[rows] <= high)).all(-1)
+        return np.asarray(rows[within], np.int32)
+
     # ------------------------------------------------------------------------------------------------ writing
+    def remove(self, points: NDArray[np.float32]) -> None:
+        """Forget the voxels that hold points [N, 3]: nothing is there any more. The normals around are left as they were."""
+        packed = np.unique(kernels.pack_points(points, self.settings.voxel_m))
+        slots, rows = self._find(packed)
+        there = rows >= 0
+        self.index[slots[there], packed[there] % kernels.BLOCK_VOXELS] = 0
+        self.hits[rows[there]] = 0
+        self.structure[rows[there]] = 0
+        self._rows.give_back(rows[there])
+
     def insert(self, points: NDArray[np.float32], origin: NDArray[np.float64], stamp_ns: int) -> Touched:
         """Add the points [N, 3] of one scan seen from origin [3] (map frame, metres)."""
         packed = kernels.pack_points(points, self.settings.voxel_m)
         voxels, voxel = kernels.group(packed, np.argsort(packed, kind="stable"))
-        slots, rows = self._rows_for(voxels, origin)
+        slots, rows = self._rows_for(voxels, origin, stamp_ns)
         memory = self.settings.memory_hits
         kernels.update_means(self.mean, self.hits, points, voxel, rows, memory)
         kept = rows[rows >= 0]
@@ -134,7 +156,7 @@ class VoxelMap:
         return kernels.find_voxels(voxels, self._table, self.blocks, self.index)
 
     def _rows_for(
-        self, voxels: kernels.Ints, origin: NDArray[np.float64]
+        self, voxels: kernels.Ints, origin: NDArray[np.float64], stamp_ns: int
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Slots and rows (-1 = refused) of sorted unique packed voxels; makes what is missing, within the bound."""
         slots, rows = self._find(voxels)
@@ -151,6 +173,7 @@ class VoxelMap:
         self.refused += missing - len(wanted)
         rows[wanted] = made = self._rows.take(len(wanted))
         self.mean[made] = 0
+        self.made_ns[made] = stamp_ns
         kernels.enter_voxels(self.index, self.coarse, voxels[wanted], slots[wanted], made)
         return slots, rows
 

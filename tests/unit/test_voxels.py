@@ -200,3 +200,25 @@ def test_packing_keeps_keys_apart(keys):
     np.testing.assert_array_equal(kernels.unpack_blocks(packed >> 9), array >> kernels.BLOCK_BITS)
     for key, block in zip(kernels.unpack_blocks(packed >> 9).tolist(), (packed >> 9).tolist(), strict=True):
         assert list(kernels.block_place(block)) == key
+
+
+def test_what_was_carried_away_is_forgotten_and_found_anew() -> None:
+    voxels = VoxelMap(VoxelSettings())
+    x, y, z = np.meshgrid(np.arange(0.02, 0.4, 0.04), np.arange(0.02, 0.4, 0.04), np.arange(0.02, 0.4, 0.04))
+    cube = np.stack([x, y, z], -1).reshape(-1, 3).astype(np.float32)
+    both = np.concatenate([cube, cube + np.float32(2.0)])
+    voxels.insert(both, np.zeros(3), 5)
+    low, high = np.full(3, -0.1, np.float32), np.full(3, 0.5, np.float32)
+    rows = voxels.rows_within(low, high)
+    assert sorted(map(tuple, voxels.mean[rows].tolist())) == sorted(map(tuple, cube.tolist()))
+    assert (voxels.made_ns[rows] == 5).all()
+    voxels.remove(cube)
+    assert len(voxels) == len(cube)
+    assert not len(voxels.rows_within(low, high))
+    assert (voxels.rows_at(cube) == -1).all()
+    assert (voxels.rows_at(cube + np.float32(2.0)) >= 0).all()
+    voxels.remove(cube)  # nothing there: nothing happens
+    voxels.insert(both, np.zeros(3), 9)
+    assert len(voxels) == 2 * len(cube)
+    assert (voxels.made_ns[voxels.rows_at(cube)] == 9).all()
+    assert (voxels.made_ns[voxels.rows_at(cube + np.float32(2.0))] == 5).all()
