@@ -27,6 +27,9 @@ from irsd.instances.memory import FusionSettings
 from irsd.io.endpoints import ZenohSettings
 from irsd.io.keys import check_robot_name
 from irsd.mapping.mapper import MappingSettings
+from irsd.perception.assemble import ModelSettings
+from irsd.perception.budget import BudgetSettings
+from irsd.perception.settings import PerceptionSettings, check_perception
 from irsd.rooms.stage import RoomSettings
 from irsd.sensors.sync import SyncSettings
 
@@ -73,6 +76,9 @@ class IrsdConfig:
     ingest: IngestSettings = field(default_factory=IngestSettings)
     sync: SyncSettings = field(default_factory=SyncSettings)
     pipeline: PipelineSettings = field(default_factory=PipelineSettings)
+    perception: PerceptionSettings = field(default_factory=PerceptionSettings)
+    models: ModelSettings = field(default_factory=ModelSettings)
+    budget: BudgetSettings = field(default_factory=BudgetSettings)
     store: StoreSettings = field(default_factory=StoreSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
 
@@ -124,7 +130,11 @@ def load_config(path: Path | None) -> IrsdConfig:
         return IrsdConfig()
     config, problems = build(IrsdConfig, load_yaml_mapping(path))
     if config is not None:
-        for check in (lambda: check_robot_name(config.robot), lambda: topics_of(config.ingest)):
+        for check in (
+            lambda: check_robot_name(config.robot),
+            lambda: topics_of(config.ingest),
+            lambda: check_perception(config.perception),
+        ):
             try:
                 check()
             except ConfigError as error:
@@ -132,6 +142,15 @@ def load_config(path: Path | None) -> IrsdConfig:
     if config is None or problems:
         raise ConfigError("\n  ".join([f"{path}: {len(problems)} problem(s)", *problems]))
     return config
+
+
+def with_pictures(config: IrsdConfig) -> IrsdConfig:
+    """The configuration for one who has eyes: pictures are received, and become views."""
+    return dataclasses.replace(
+        config,
+        ingest=dataclasses.replace(config.ingest, images=True),
+        sync=dataclasses.replace(config.sync, keep_images=True),
+    )
 
 
 def state_directory(settings: StoreSettings) -> Path:

@@ -1,6 +1,7 @@
 """The composition root of irsd: configuration, store, pipeline, zenoh and the threads, put together and taken down.
 
-Threads: zenoh's own (append to rings), ``map`` (see maploop), ``publish`` (disk, then network), ``main`` (signals, status, watchdog).
+Threads: zenoh's own (append to rings), ``map`` (see maploop), ``perception`` and its watch where irsd has eyes of its own,
+``publish`` (disk, then network), ``main`` (signals, status, watchdog).
 Exit codes: 0 asked to stop, 2 bad configuration or arguments, 1 anything else.
 """
 
@@ -19,7 +20,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-from irsd.config import IrsdConfig, find_config, load_config, state_directory
+from irsd.config import IrsdConfig, find_config, load_config, state_directory, with_pictures
 from irsd.core.errors import ConfigError, IrsdError, StoreError, TransportError
 from irsd.core.runtime import Cell, Counters, Event, Ring, Stopper, Worker, monotonic_s
 from irsd.graph.store import Store
@@ -38,7 +39,11 @@ from irsd.io.keys import RobotKeys, check_robot_name
 from irsd.io.publishers import GraphPublisher
 from irsd.io.session import Session, open_session, with_environment
 from irsd.maploop import MapLoop, Publication
+from irsd.perception import worker as perception
+from irsd.perception.budget import Governor
 from irsd.perception.encoder import LabelEncoder
+from irsd.perception.eyes import open_eyes
+from irsd.perception.worker import LiveEyes
 from irsd.pipeline import MapPipeline
 from irsd.sensors.sync import Synchronizer
 
@@ -55,8 +60,16 @@ _JOIN_S = 20.0
 class Daemon:
     """A running irsd between ``start`` and ``stop``; ``main_loop`` is the main thread's body."""
 
-    def __init__(self, config: IrsdConfig, session: Session, pipeline: MapPipeline, store: Store | None) -> None:
-        self._config, self._session, self._store = config, session, store
+    def __init__(
+        self,
+        config: IrsdConfig,
+        session: Session,
+        pipeline: MapPipeline,
+        store: Store | None,
+        eyes: LiveEyes | None = None,
+    ) -> None:
+        """eyes: those of the pipeline, whose threads are run here."""
+        self._config, self._session, self._store, self._eyes = config, session, store, eyes
         self.stopper = Stopper()
         self._beats = Heartbeats(config.health.thread_limit_s)
         self._times = StageTimes()
@@ -78,6 +91,7 @@ class Daemon:
             beats=self._beats,
             times=self._times,
             max_failures=config.health.max_failures,
+            on_lag=None if eyes is None else eyes.note_lag,
         )
         self._publisher = GraphPublisher(
             session,
@@ -90,13 +104,19 @@ class Daemon:
             Worker("map", self._loop.run, self._thread_died),
             Worker(_PUBLISH, self._publish_loop, self._thread_died),
         ]
+        if eyes is not None:
+            self._workers += [
+                Worker(perception.NAME, lambda: eyes.run(self.stopper, self._beats.beat, wake), self._thread_died),
+                Worker(perception.WATCH, lambda: eyes.watch(self.stopper), self._thread_died),
+            ]
         self._started_s = monotonic_s()
         self._status_seq = 0
 
     def start(self) -> None:
         """Starts the threads, publishes a first status, and shows the alive token."""
         for worker in self._workers:
-            self._beats.beat(worker.name)
+            if worker.name != perception.WATCH:  # which makes progress only when there is something to end
+                self._beats.beat(worker.name)
             worker.start()
         self._tell_status()
         self._publisher.announce()
@@ -118,8 +138,9 @@ class Daemon:
         """Ends the threads in order, so that the last step reaches disk and network. False when one would not end."""
         self.stopper.request("stopped")
         self._ingest.close()
-        map_thread, publish_thread = self._workers
-        done = map_thread.join(_JOIN_S)
+        map_thread, publish_thread, *seeing = self._workers
+        done = all([worker.join(_JOIN_S) for worker in seeing])
+        done = map_thread.join(_JOIN_S) and done
         self._map_done.set()
         done = publish_thread.join(_JOIN_S) and done
         if not done:
@@ -178,6 +199,7 @@ class Daemon:
     def _tell_status(self) -> None:
         now_s, state, snapshot = monotonic_s(), self._loop.state.get(), self._loop.snapshot.get()
         sensors = self._ingest.sensors(now_s)
+        seeing = None if self._eyes is None else self._eyes.report()
         faults = find_faults(
             self._config.health,
             sensors=sensors,
@@ -185,6 +207,7 @@ class Daemon:
             failures=state.failures,
             last_failure=state.last_failure,
             store_error=self._store_error.get(),
+            perception=seeing,
         )
         self._status_seq += 1
         document = status_document(
@@ -201,6 +224,8 @@ class Daemon:
             drops={**state.drops, "publish.dropped": self._outbox.dropped},
             graph={"rooms": len(snapshot.rooms), "instances": len(snapshot.instances), "seq": snapshot.seq},
             lag_s=state.lag_s,
+            rooms_age_s=None if state.rooms_arrived_ns is None else now_s - state.rooms_arrived_ns * 1e-9,
+            perception=seeing,
             faults=faults,
             process=self._meter.read(),
             counts={
@@ -224,7 +249,10 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     store = _open_store(config)
     stored = store.load() if store is not None else None
     map_id = stored.snapshot.map_id if stored is not None else uuid.uuid4().hex[:12]
-    pipeline = MapPipeline(config.pipeline, labels, map_id=map_id)
+    eyes = _open_eyes(config)
+    if eyes is not None:
+        config = with_pictures(config)
+    pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes)
     if stored is not None:
         pipeline.restore(stored.snapshot, stored.arrays)
         graph = pipeline.snapshot()
@@ -232,7 +260,7 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     settings = with_environment(config.zenoh, endpoint)
     try:
         with open_session(settings, "hub") as session:
-            daemon = Daemon(config, session, pipeline, store)
+            daemon = Daemon(config, session, pipeline, store, eyes)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda n, _: daemon.stopper.request(signal.Signals(n).name))
             daemon.start()
@@ -246,6 +274,18 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     finally:
         if store is not None:
             store.close()
+
+
+def _open_eyes(config: IrsdConfig) -> LiveEyes | None:
+    """The models opened and tried once; None where the configuration names none."""
+    if not config.perception.image_encoder:
+        return None
+    opened = open_eyes(config.perception, config.models)
+    eyes = LiveEyes(opened.chain, Governor(config.budget, opened.costs), threads=opened.threads)
+    eyes.warm_up()
+    for model in opened.models.status():
+        _log.info("%(model)s %(part)s: %(precision)s on %(providers)s %(fallback)s", model)
+    return eyes
 
 
 def _open_store(config: IrsdConfig) -> Store | None:

@@ -112,10 +112,11 @@ def find_faults(
     failures: int = 0,
     last_failure: str = "",
     store_error: str = "",
+    perception: Mapping[str, Any] | None = None,
 ) -> list[dict[str, str]]:
     """What an operator should look at: each with a code that scripts can match and a text that people read.
 
-    sensors: as ``Ingest.sensors`` gives them. failures: steps that failed in a row up to now.
+    sensors: as ``Ingest.sensors`` gives them. failures: steps that failed in a row up to now. perception: the governor's report.
     """
     faults = []
     for topic, sensor in sensors.items():
@@ -130,6 +131,8 @@ def find_faults(
     faults += [_fault("thread_late", f"thread {name} makes no progress") for name in late_threads]
     if failures:
         faults.append(_fault("step_failing", f"the last {failures} steps failed: {last_failure}"))
+    if perception and perception.get("why"):
+        faults.append(_fault("budget", f"perception at '{perception['rung']}': {perception['why']}"))
     if store_error:
         faults.append(_fault("store", store_error))
     return faults
@@ -155,8 +158,13 @@ def status_document(
     faults: Sequence[Mapping[str, str]],
     process: Mapping[str, float],
     counts: Mapping[str, int],
+    rooms_age_s: float | None = None,
+    perception: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The document under ``irs/<robot>/status``; drops names only what was dropped."""
+    """The document under ``irs/<robot>/status``; drops names only what was dropped.
+
+    rooms_age_s: since the newest sweep that the rooms took in was received. perception: the governor's report; None without eyes.
+    """
     return {
         "schema": STATUS_SCHEMA,
         "seq": seq,
@@ -171,6 +179,8 @@ def status_document(
         "counts": {name: count for name, count in sorted(counts.items()) if count},
         "graph": dict(graph),
         "lag_s": None if lag_s is None else round(lag_s, 3),
+        "rooms_age_s": None if rooms_age_s is None else round(rooms_age_s, 3),
+        "perception": None if perception is None else dict(perception),
         "faults": [dict(fault) for fault in faults],
         **process,
     }

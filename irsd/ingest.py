@@ -38,7 +38,7 @@ class IngestSettings:
     camera_info_topic: str = setting("/camera/camera_info", "sensor_msgs/CameraInfo")
     image_topic: str = setting("/camera/image/compressed", "sensor_msgs/CompressedImage, or Image with image_raw")
     image_raw: bool = setting(False, "image_topic carries sensor_msgs/Image")
-    images: bool = setting(False, "receive pictures; nothing needs them while detections come from outside")
+    images: bool = setting(False, "receive pictures; irsd does so by itself when it has eyes of its own")
     detections_ids_topic: str = setting("/detections/ids", "numbered masks as 16-bit PNG, from any perception process")
     detections_info_topic: str = setting("/detections/info", "what the numbers are, as JSON")
     form: str = setting(

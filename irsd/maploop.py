@@ -38,7 +38,10 @@ class Publication:
 
 @dataclass(frozen=True, slots=True)
 class MapState:
-    """What others may know of the loop. failures: steps that failed in a row up to now; lag_s: sweep received -> in the graph."""
+    """What others may know of the loop. failures: steps that failed in a row up to now; lag_s: sweep received -> in the graph.
+
+    rooms_arrived_ns: when (monotonic) the newest sweep that the rooms have taken in was received.
+    """
 
     frames: int = 0
     failed: int = 0
@@ -47,6 +50,7 @@ class MapState:
     blocked_by: str | None = None
     lag_s: float | None = None
     stamp_ns: int = 0
+    rooms_arrived_ns: int | None = None
     drops: Mapping[str, int] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
 
@@ -72,10 +76,12 @@ class MapLoop:
         beats: Heartbeats,
         times: StageTimes,
         max_failures: int,
+        on_lag: Callable[[float], None] | None = None,
     ) -> None:
+        """on_lag: told of every step's lag in seconds."""
         self._ingest, self._sync, self._pipeline, self._outbox = ingest, sync, pipeline, outbox
         self._wake, self._stopper, self._beats, self._times = wake, stopper, beats, times
-        self._max_failures = max_failures
+        self._max_failures, self._on_lag = max_failures, on_lag
         self._calls: Ring[Callable[[], None]] = Ring(_CALLS, wake)
         self._ended = Event()
         self._stepped_ns = 0
@@ -146,7 +152,11 @@ class MapLoop:
             work()
 
     def _settle_when_quiet(self) -> None:
-        """Once the sensors pause, the slower stages look at what is left: the robot is parked, or the recording over."""
+        """Once the sensors pause, the slower stages look at what is left: the robot is parked, or the recording over.
+
+        Perception may answer later still.
+        """
+        self._settled = self._settled and not self._pipeline.answers_wait
         if not self._settled and monotonic_ns() - self._stepped_ns > _QUIET_NS:
             self._settled = True
             self._finish()
@@ -155,6 +165,7 @@ class MapLoop:
         self._stepped_ns, self._settled = monotonic_ns(), False
         state = self.state.get()
         failed, failures, last_failure, lag_s = state.failed, 0, "", state.lag_s
+        rooms_arrived_ns = state.rooms_arrived_ns
         try:
             result = self._pipeline.step(frame)
         except Exception as error:  # a stage's failure costs its frame, not the map: the last good state is kept
@@ -166,6 +177,9 @@ class MapLoop:
             if arrived_ns is not None:
                 lag_s = (monotonic_ns() - arrived_ns) / 1e9
                 self._times.add({"lag": lag_s * 1000})
+                if self._on_lag is not None:
+                    self._on_lag(lag_s)
+                rooms_arrived_ns = arrived_ns if result.rooms_followed else rooms_arrived_ns
             self._times.add(result.stage_ms)
             self._hand_out(result.delta, result.snapshot)
         self.state.set(
@@ -177,6 +191,7 @@ class MapLoop:
                 last_failure=last_failure,
                 lag_s=lag_s,
                 stamp_ns=frame.stamp_ns,
+                rooms_arrived_ns=rooms_arrived_ns,
             )
         )
         if failures >= self._max_failures:

@@ -1,6 +1,6 @@
 """The loop: one synchronised frame in, one graph delta out. The live thread and the replay both call ``MapPipeline.step``.
 
-    SyncedFrame -> mapping -> rooms -> instances -> graph
+    SyncedFrame -> mapping -> rooms -> (eyes) -> instances -> graph
 
 Nothing here knows of zenoh, files, threads or the wall clock: what is due is decided by sensor time alone, so the same
 input gives the same graph.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +19,17 @@ from numpy.typing import NDArray
 
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
-from irsd.core.types import InstanceState, MapUpdate, Rooms, SyncedFrame
+from irsd.core.types import CameraView, InstanceState, MapUpdate, Rooms, SyncedFrame
 from irsd.graph.builder import GraphBuilder, footprint_of
 from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays, InstanceNode
 from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
+from irsd.lookout import Lookout
 from irsd.mapping.mapper import Mapper
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.structure_net import PointNetwork
+from irsd.perception.worker import Eyes
 from irsd.rooms.stage import RoomStage
 from irsd.warm import warm_up
 
@@ -36,18 +38,31 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class StepResult:
-    """What one step did. delta: None when nothing in the graph changed. stage_ms: wall milliseconds per stage that ran."""
+    """What one step did. delta: None when nothing in the graph changed. stage_ms: wall milliseconds per stage that ran.
+
+    rooms_followed: the rooms took this sweep in.
+    """
 
     update: MapUpdate
     delta: GraphDelta | None
     snapshot: GraphSnapshot
     stage_ms: dict[str, float]
+    rooms_followed: bool = True
 
 
 class MapPipeline:
     """Owns map, rooms, instances and graph; the only writer of all four. Not thread-safe: one thread calls it."""
 
-    def __init__(self, settings: PipelineSettings, labels: LabelEncoder, *, map_id: str, frame: str = "map") -> None:
+    def __init__(
+        self,
+        settings: PipelineSettings,
+        labels: LabelEncoder,
+        *,
+        map_id: str,
+        frame: str = "map",
+        eyes: Eyes | None = None,
+    ) -> None:
+        """eyes: who looks at pictures that come without detections; None: nobody."""
         warm_up()  # compiled kernels are loaded now, not in the first frame
         self._settings = settings
         path = settings.mapping.network.model
@@ -58,6 +73,8 @@ class MapPipeline:
         self._graph = SceneGraph(map_id=map_id, frame=frame)
         self._rooms: Rooms | None = None
         self._graph_due_ns = 0
+        self._lookout = None if eyes is None else Lookout(eyes, settings.lift)
+        self._sweeps_without_rooms = 0
 
     def step(self, frame: SyncedFrame) -> StepResult:
         """Take one frame through every stage that is due."""
@@ -69,20 +86,18 @@ class MapPipeline:
 
         # 2. Rooms: the stage looks at the plan now and then, and spreads its work over the scans.
         with _timed(ms, "rooms"):
-            x, y = frame.map_T_base[:2, 3].tolist()
-            self._rooms = self._room_stage.follow(self._mapper, (x, y))
+            followed = self._follow_rooms(frame)
 
         # 3. What the cameras saw: masks to 3D points, points to instances.
         for view in frame.views:
-            if view.detections is None:
-                continue
-            with _timed(ms, "lift"):
-                points, structure = self._mapper.visible(
-                    view.map_T_camera, view.camera, self._settings.lift.max_range_m
-                )
-                lifted = lift(view, points, structure, self._settings.lift)
-            with _timed(ms, "fusion"):
-                self._memory.observe(view, lifted, self._rooms)
+            if view.detections is not None:
+                with _timed(ms, "lift"):
+                    seen = self._mapper.visible(view.map_T_camera, view.camera, self._settings.lift.max_range_m)
+                self._observe(view, *seen, ms)
+            elif self._lookout is not None and view.image is not None:
+                with _timed(ms, "keyframes"):
+                    self._lookout.show(view, self._mapper, self._memory, self._rooms)
+        self._observe_answers(ms)
 
         # 4. What the LiDAR saw through: things that are no longer there.
         with _timed(ms, "fusion"):
@@ -94,16 +109,22 @@ class MapPipeline:
         if frame.stamp_ns >= self._graph_due_ns:
             delta = self._commit(frame.stamp_ns, ms)
             self._graph_due_ns = frame.stamp_ns + round(self._settings.pace.graph_period_s * NS_PER_S)
-        return StepResult(update, delta, self._graph.snapshot(), ms)
+        return StepResult(update, delta, self._graph.snapshot(), ms, followed)
 
     def finish(self, stamp_ns: int) -> StepResult:
         """Run every stage once more on all that was gathered: the end of a recording, or a clean stop."""
         ms: dict[str, float] = {}
         with _timed(ms, "rooms"):
             self._rooms = self._room_stage.update(self._mapper.plan_evidence(), *self._mapper.wall_points())
+        self._observe_answers(ms)
         delta = self._commit(stamp_ns, ms)
         update = MapUpdate(0, stamp_ns, np.zeros(0, np.int32), 0.0, None, None)
         return StepResult(update, delta, self._graph.snapshot(), ms)
+
+    @property
+    def answers_wait(self) -> bool:
+        """Whether the eyes have answers that no step has taken yet."""
+        return self._lookout is not None and self._lookout.eyes.answers_wait
 
     def navigation_grid(self) -> tuple[GridFrame, NDArray[np.int8]]:
         """Where a robot's body fits: int8 [H, W], -1 unknown, 0 free, 100 occupied."""
@@ -132,7 +153,32 @@ class MapPipeline:
 
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
-        return {**self._mapper.counters()}
+        return {**self._mapper.counters(), **(self._lookout.counters() if self._lookout is not None else {})}
+
+    def _follow_rooms(self, frame: SyncedFrame) -> bool:
+        """Every sweep, unless the budget is so short that even rooms must wait: then False."""
+        self._sweeps_without_rooms += 1
+        if self._lookout is not None and self._sweeps_without_rooms < self._lookout.eyes.rooms_every:
+            return False
+        self._sweeps_without_rooms = 0
+        x, y = frame.map_T_base[:2, 3].tolist()
+        self._rooms = self._room_stage.follow(self._mapper, (x, y))
+        return True
+
+    def _observe_answers(self, ms: dict[str, float]) -> None:
+        """What the eyes have seen meanwhile, lifted with the pose and the map of the time of its picture."""
+        for result in self._lookout.eyes.results() if self._lookout is not None else ():
+            job = result.job
+            view = replace(job.view, detections=result.detections, image=None)
+            self._observe(view, job.points_map, job.structure, ms)
+
+    def _observe(
+        self, view: CameraView, points: NDArray[np.float32], structure: NDArray[np.uint8], ms: dict[str, float]
+    ) -> None:
+        with _timed(ms, "lift"):
+            lifted = lift(view, points, structure, self._settings.lift)
+        with _timed(ms, "fusion"):
+            self._memory.observe(view, lifted, self._rooms)
 
     def _commit(self, stamp_ns: int, ms: dict[str, float]) -> GraphDelta | None:
         with _timed(ms, "fusion"):

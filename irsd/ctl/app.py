@@ -196,7 +196,9 @@ def play(target: Target, files: tuple[Path, ...], rate: float, as_json: bool) ->
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the results.")
 @click.option(
-    "--perception", metavar="external:FILE.mcap", help="Who sees: recorded detections (default: those in FILE.mcap)."
+    "--perception",
+    metavar="foundation|external:FILE.mcap",
+    help="Who sees: the models of --config, or recorded detections (default: those in FILE.mcap).",
 )
 @click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="irsd.yaml to use.")
 @json_option

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from irsd.config import IrsdConfig, load_config
+from irsd.config import IrsdConfig, load_config, with_pictures
 from irsd.core.errors import ConfigError, DecodeError
 from irsd.core.runtime import monotonic_s, sleep_s
 from irsd.core.types import SyncedFrame
@@ -23,12 +23,15 @@ from irsd.ingest import SensorDecoder
 from irsd.io.endpoints import ZenohSettings, with_environment
 from irsd.io.session import CDR, JSON, open_session
 from irsd.perception.encoder import LabelEncoder
+from irsd.perception.eyes import open_eyes
+from irsd.perception.worker import InlineEyes
 from irsd.pipeline import MapPipeline, StepResult
 from irsd.sensors.replay import RawMessage, read_messages
 from irsd.sensors.sync import Synchronizer
 
 PROGRESS_S = 2.0
 REPLAY_MAP_ID = "replay"
+FOUNDATION = "foundation"
 
 
 # ---------------------------------------------------------------------------------------------------------------- replay
@@ -39,6 +42,7 @@ class Offline:
     decoder: SensorDecoder
     sync: Synchronizer
     pipeline: MapPipeline
+    eyes: InlineEyes | None = None
     times: StageTimes = field(default_factory=StageTimes)
     frames: int = 0
     first_ns: int | None = None
@@ -69,10 +73,14 @@ def replay(files: Sequence[Path], out: Path, perception: str | None, config: Pat
     paths = [*files, *external_perception(perception)]
     settings = load_config(config) if config is not None else IrsdConfig()
     labels = LabelEncoder.load()
+    eyes = foundation_eyes(settings) if perception == FOUNDATION else None
+    if eyes is not None:
+        settings = with_pictures(settings)
     offline = Offline(
         SensorDecoder(settings.ingest),
         Synchronizer(settings.sync),
-        MapPipeline(settings.pipeline, labels, map_id=REPLAY_MAP_ID),
+        MapPipeline(settings.pipeline, labels, map_id=REPLAY_MAP_ID, eyes=eyes),
+        eyes,
     )
     wall_s, cpu_s, shown_s = monotonic_s(), time.process_time(), monotonic_s()
     for message in read_messages(paths):
@@ -102,15 +110,23 @@ def replay(files: Sequence[Path], out: Path, perception: str | None, config: Pat
 
 
 def external_perception(perception: str | None) -> list[Path]:
-    """The detection recording named by ``external:FILE.mcap``; ConfigError for anything else."""
-    if perception is None:
+    """The detection recording named by ``external:FILE.mcap``, none for irsd's own eyes; ConfigError for anything else."""
+    if perception is None or perception == FOUNDATION:
         return []
     kind, _, name = perception.partition(":")
     if kind != "external" or not name:
-        raise ConfigError(f"--perception {perception}: must be external:FILE.mcap; irsd has no eyes of its own yet")
+        raise ConfigError(f"--perception {perception}: must be {FOUNDATION} or external:FILE.mcap")
     if not Path(name).is_file():
         raise ConfigError(f"--perception {perception}: there is no file {name}")
     return [Path(name)]
+
+
+def foundation_eyes(settings: IrsdConfig) -> InlineEyes:
+    """The models of the configuration; ConfigError when it names none."""
+    if not settings.perception.image_encoder:
+        raise ConfigError(f"--perception {FOUNDATION}: perception.image_encoder is not set (--config FILE)")
+    opened = open_eyes(settings.perception, settings.models)
+    return InlineEyes(opened.chain, settings.budget, opened.costs)
 
 
 def measured(offline: Offline, wall_s: float, cpu_s: float) -> dict[str, Any]:
@@ -125,6 +141,7 @@ def measured(offline: Offline, wall_s: float, cpu_s: float) -> dict[str, Any]:
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
         "stages": offline.times.summary(),
         "drops": {**offline.decoder.counters(), **offline.sync.counters(), **offline.pipeline.counters()},
+        "perception": None if offline.eyes is None else offline.eyes.report(),
     }
 
 

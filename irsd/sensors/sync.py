@@ -64,7 +64,7 @@ class SyncSettings:
     max_pending_scans: int = setting(32, "sweeps that may wait", lo=1, hi=1000)
     max_pending_views: int = setting(48, "camera views that may wait", lo=1, hi=1000)
     max_pending_images: int = setting(4, "pictures among them that are held decoded", lo=1, hi=100)
-    keep_images: bool = setting(False, "make views of pictures too, not only of detections")
+    keep_images: bool = setting(False, "make views of pictures too; irsd does so by itself when it has eyes of its own")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,46 @@
+"""Between the map and irsd's own eyes: which pictures are offered to them, with all that a late answer will need."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irsd.core.types import CameraView, Rooms
+from irsd.instances.lift import LiftSettings, points_in_sight
+from irsd.instances.memory import InstanceMemory
+from irsd.instances.room_prior import room_of
+from irsd.mapping.mapper import Mapper
+from irsd.perception.job import PerceptionJob, Sight
+from irsd.perception.select import KeyframeSelector
+from irsd.perception.worker import Eyes
+
+
+class Lookout:
+    """Owner of what was looked at. Called by the map thread for every picture."""
+
+    def __init__(self, eyes: Eyes, settings: LiftSettings) -> None:
+        self.eyes = eyes
+        self._settings = settings
+        self._selector = KeyframeSelector()
+        self._seq = 0
+        self._passed = 0
+
+    def show(self, view: CameraView, mapper: Mapper, memory: InstanceMemory, rooms: Rooms | None) -> None:
+        """A picture; it is offered to the eyes when they can pay for one and it is worth it."""
+        if not self.eyes.wants(view.stamp_ns):
+            return
+        points, structure = mapper.visible(view.map_T_camera, view.camera, self._settings.max_range_m)
+        known = memory.known(points, self.eyes.dimension)
+        room = room_of(rooms, view.map_T_camera[None, :3, 3].astype(np.float32))
+        worth = self._selector.judge(view.stamp_ns, view.map_T_camera, points, known, room)
+        if not self._selector.wants(view.stamp_ns, worth, self.eyes.waiting):
+            self._passed += 1
+            return
+        self._selector.take(view.stamp_ns, worth, view.map_T_camera, points, room)
+        index, pixel, depth_m = points_in_sight(view, points, self._settings)
+        sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index])
+        self._seq += 1
+        self.eyes.offer(PerceptionJob(self._seq, view, points, structure, sight, known))
+
+    def counters(self) -> dict[str, int]:
+        """Keyframes that were offered, and pictures that were compared and found to be worth less."""
+        return {"keyframes_offered": self._seq, "pictures_passed_over": self._passed}

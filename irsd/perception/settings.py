@@ -1,0 +1,55 @@
+"""Settings of irsd's own eyes: which models, what they are asked for, how masks become embeddings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from irsd.core.errors import ConfigError
+from irsd.core.settings import setting
+from irsd.perception.fuse_views import ViewSettings, check_weights
+
+_INDOOR = (
+    "chair, armchair, stool, bench, sofa, dining table, coffee table, desk, wardrobe, cabinet, bookcase, shelf, chest of "
+    "drawers, nightstand, tv stand, bed, pillow, lamp, television, monitor, computer, laptop, keyboard, printer, telephone, "
+    "speaker, clock, refrigerator, stove, oven, microwave, dishwasher, sink, coffee machine, bottle, cup, bowl, trash can, "
+    "washing machine, toilet, bathtub, shower, towel, mirror, curtain, rug, picture, vase, plant, fireplace, whiteboard, "
+    "book, box, backpack, suitcase, shoes, air conditioner, fan, radiator, fire extinguisher, door, ladder, dumbbell, "
+    "treadmill, ball, bicycle, piano, person"
+)
+INDOOR = tuple(_INDOOR.split(", "))
+"""What is looked for where a site names nothing: common things, in the words of the alias table."""
+
+
+@dataclass(frozen=True)
+class PerceptionSettings:
+    """irsd's own eyes. Without an image_encoder there are none, and things come from detections/ids and detections/info."""
+
+    tagger: str = setting("", "model that names what a picture shows, as in 'irsctl models list'; may be left out")
+    detector: str = setting("", "model that finds boxes for names; without one everything is segmented")
+    segmenter: str = setting("", "model that makes masks of boxes; without one the map's depth does")
+    image_encoder: str = setting("", "model that gives masks their meaning; empty: irsd has no eyes of its own")
+    text_encoder: str = setting("", "model that puts names into the image encoder's space; empty: the same model")
+    prompts: str = setting(
+        "vocabulary",
+        "what the detector is asked for: the tagger's tags, all of the vocabulary, or what of it the picture resembles most",
+        choices=("tags", "vocabulary", "zero_shot"),
+    )
+    vocabulary: tuple[str, ...] = setting((), "names of the things of this site; empty: irsd's own list for indoors")
+    zero_shot_tags: int = setting(16, "names that are asked for with prompts: zero_shot", lo=1, hi=1000)
+    nms_iou: float = setting(0.5, "of two boxes of one name that overlap by more, the better stays", lo=0.05, hi=1.0)
+    min_mask_px: int = setting(64, "smaller masks are not things", lo=1, hi=100_000)
+    known_iou: float = setting(
+        0.5, "a mask that covers a known thing like this is that thing, and not embedded each time", lo=0.1, hi=1.0
+    )
+    top_labels: int = setting(5, "names with scores that each thing carries", lo=1, hi=100)
+    views: ViewSettings = field(default_factory=ViewSettings)
+
+
+def check_perception(settings: PerceptionSettings) -> None:
+    """ConfigError for settings that contradict each other."""
+    check_weights(settings.views)
+    s = settings
+    if not s.image_encoder and (s.tagger or s.detector or s.segmenter):
+        raise ConfigError("perception.image_encoder = '': the chain needs an image encoder, all else may be left out")
+    if s.prompts == "tags" and s.image_encoder and not s.tagger:
+        raise ConfigError("perception.prompts = 'tags': needs a perception.tagger")
