@@ -38,10 +38,7 @@ def make(folder: Path) -> None:
         pixels = pixels.sub(mean).div(std)
         with torch.no_grad():
             logits = model(pixels[None])[0]
-        arrays[f"probe_{name}"], arrays[f"digest_{name}"] = (
-            probe(pixels.numpy())[:515],
-            np.array(digest(pixels.numpy())),
-        )
+        arrays[f"digest_{name}"] = np.array(digest(pixels.numpy()))
         arrays[f"probability_{name}"] = torch.sigmoid(logits).numpy()
     save(folder, **arrays)
 
