@@ -70,6 +70,7 @@ MAY_IMPORT: tuple[tuple[str, tuple[str, ...]], ...] = (
 GATEKEEPERS: dict[str, tuple[str, ...]] = {
     "zenoh": ("irsd.io.session",),
     "onnxruntime": ("irsd.perception.models",),
+    "onnx": ("irsd.perception.supply.quantise",),
     "yaml": ("irsd.config", "irsd.perception.catalogue", "nav_bridge.config"),
     "threading": ("irsd.core.runtime",),
     "queue": ("irsd.core.runtime",),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +20,7 @@ from irsd.perception.families import (
     mobile_sam,
     nanodet,
     owl,
+    ram,
     sam,
     siglip,
 )
@@ -89,9 +90,9 @@ class ModelOpener:
         """The model as a Tagger."""
         return self._make(name, "tagger", _TAGGERS)
 
-    def detector(self, name: str) -> Detector:
-        """The model as a Detector."""
-        return self._make(name, "detector", _DETECTORS)
+    def detector(self, name: str, threshold: float | None = None) -> Detector:
+        """The model as a Detector. threshold: in place of the catalogue's."""
+        return self._make(name, "detector", _DETECTORS, threshold=threshold)
 
     def segmenter(self, name: str) -> Segmenter:
         """The model as a Segmenter."""
@@ -138,16 +139,28 @@ class ModelOpener:
         settings = self._settings
         return self._open_session(path, threads=settings.threads, providers=settings.providers, cancel=self._cancel)
 
+    def model(self, name: str) -> Model:
+        """What the catalogue knows of ``NAME`` or ``NAME@PRECISION``."""
+        return find_model(self.catalogue, name)[0]
+
     def _make(
-        self, name: str, role: str, families: Mapping[str, Callable[[Kit], T]], leave_out: tuple[str, ...] = ()
+        self,
+        name: str,
+        role: str,
+        families: Mapping[str, Callable[[Kit], T]],
+        leave_out: tuple[str, ...] = (),
+        threshold: float | None = None,
     ) -> T:
-        model, _ = find_model(self.catalogue, name)
+        model = self.model(name)
         if role not in model.roles:
             can = sorted(other.name for other in self.catalogue.values() if role in other.roles)
             raise ModelError(f"{model.name} is no {role} but {', '.join(model.roles)}; for that take {', '.join(can)}")
         if model.family not in families:
             raise ModelError(f"{model.name}: irsd has no {role} of the family {model.family!r}")
-        return families[model.family](self.kit(name, leave_out))
+        kit = self.kit(name, leave_out)
+        if threshold is not None:
+            kit = replace(kit, model=replace(model, thresholds={**model.thresholds, "score": threshold}))
+        return families[model.family](kit)
 
 
 # --------------------------------------------------------------------------------------------------------- the families
@@ -215,7 +228,13 @@ def _efficient_sam(kit: Kit) -> Segmenter:
     return efficient_sam.EfficientSam(kit.sessions["encoder"], kit.sessions["decoder"])
 
 
-_TAGGERS: Mapping[str, Callable[[Kit], Tagger]] = {}
+def _ram(kit: Kit) -> Tagger:
+    tags = kit.files["tags"].read_text(encoding="utf-8").split("\n")
+    thresholds = kit.files["thresholds"].read_text(encoding="utf-8").split()
+    return ram.Ram(kit.sessions["model"], [tag for tag in tags if tag], [float(value) for value in thresholds])
+
+
+_TAGGERS: Mapping[str, Callable[[Kit], Tagger]] = {"ram": _ram}
 _DETECTORS: Mapping[str, Callable[[Kit], Detector]] = {
     "owl": _owl,
     "grounding_dino": _grounding_dino,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import importlib.resources
 import logging
 from collections.abc import Mapping
@@ -44,6 +45,15 @@ PROVIDERS: dict[str, tuple[str, dict[str, str]]] = {
 def onnxruntime_version() -> str:
     """What runs the networks; a quantised file was judged with one version."""
     return str(onnxruntime.__version__)
+
+
+def quantisation_tools() -> Any:
+    """onnxruntime's own module of that name. ModelError when it can't be had."""
+    onnxruntime.set_default_logger_severity(3)  # it opens networks in its own way, and those chat
+    try:
+        return importlib.import_module("onnxruntime.quantization")
+    except ImportError as error:
+        raise ModelError(f"quantising needs the package onnx ({error}): pip install 'irsd[quantise]'") from error
 
 
 def packaged_path(file: PackagedFile) -> Path:
