@@ -52,7 +52,7 @@ def best_boxes(boxes_px: Floats, scores: Floats, kind: Rows, overlap: float) -> 
 def paint(masks: Bools) -> NDArray[np.uint16]:
     """uint16 [H, W]: k + 1 where mask k lies, 0 elsewhere. Masks bool [n, H, W]; a smaller one lies on a larger one."""
     out = np.zeros(masks.shape[1:], np.uint16)
-    size = masks.reshape(len(masks), -1).sum(1)
+    size = masks.sum((1, 2))
     for k in np.argsort(-size, kind="stable").tolist():
         out[masks[k]] = k + 1
     return out

@@ -6,41 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_onnx import node, tensor, value_info, write
 
 from irsd.core.errors import ModelError
 from irsd.perception.structure_net import PointNetwork
 
 
-def varint(value: int) -> bytes:
-    out = b""
-    while value > 127:
-        out, value = out + bytes([value & 127 | 128]), value >> 7
-    return out + bytes([value])
-
-
-def number(field: int, value: int) -> bytes:
-    return varint(field << 3) + varint(value)
-
-
-def block(field: int, *parts: bytes) -> bytes:
-    body = b"".join(parts)
-    return varint(field << 3 | 2) + varint(len(body)) + body
-
-
-def value_info(field: int, name: str, columns: int) -> bytes:
-    shape = block(2, block(1, block(2, b"n")), block(1, number(1, columns)))
-    return block(field, block(1, name.encode()), block(2, block(1, number(1, 1), shape)))
-
-
 def write_model(path: Path, weights: np.ndarray, output: str = "logits") -> Path:
     """points [n, 3] @ weights [3, K] -> output [n, K]."""
-    node = block(1, block(1, b"points"), block(1, b"w"), block(2, output.encode()), block(4, b"MatMul"))
-    dims = b"".join(number(1, d) for d in weights.shape)
-    tensor = block(5, dims, number(2, 1), block(8, b"w"), block(9, weights.astype("<f4").tobytes()))
-    ends = value_info(11, "points", 3) + value_info(12, output, weights.shape[1])
-    graph = block(7, node, block(2, b"g"), tensor, ends)
-    path.write_bytes(number(1, 8) + graph + block(8, block(1, b""), number(2, 13)))
-    return path
+    return write(
+        path,
+        node("MatMul", ("points", "w"), output),
+        tensor("w", weights),
+        value_info(11, "points", ("n", 3)),
+        value_info(12, output, ("n", weights.shape[1])),
+    )
 
 
 def test_the_class_of_a_point_is_the_highest_of_its_logits(tmp_path: Path) -> None:
