@@ -4,9 +4,12 @@
 
 Robot, irsd's pipeline and nav_bridge run in one process on simulated time, and talk over real zenoh. irsd explores each building by
 the simulated sensors and goes on mapping while the robot drives; nothing is told to it but odometry, sweeps and noisy detections.
-Goals are drawn from the true things. The judge alone knows the truth: where the robot stands (plan distance from its centre to the
-true surface), whether its body ever met something (at every step of 20 ms), and whether a refusal is true (no standing place within
-0.5 m, as 5 cm cells and the body's radius allow). Ways are compared with the shortest on the true map between the same two places.
+Goals are drawn from the true things. A room is named only where a name alone does not say which thing is meant: by its true kind, or
+by its id where irsd calls it something else (a person would read that in ``irsctl tree``). The judge alone knows the truth: where
+the robot stands (plan distance from its centre to the true surface), whether its body ever met something (at every step of 20 ms),
+and how near a body with its clearance can get at all. Things that nobody can come within 0.45 m of are asked for as well, but not
+counted: refused or reached is right for them, nothing else. Ways are compared with the shortest on the true map between the same
+two places.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from scipy import ndimage
 
 from irsd.config import IrsdConfig
 from irsd.core.runtime import Guarded, Mailbox, Ring, Worker, sleep_s, use_clock
+from irsd.graph.model import GraphSnapshot
 from irsd.ingest import SensorDecoder
 from irsd.io.keys import RobotKeys
 from irsd.io.publishers import GraphPublisher
@@ -40,6 +44,7 @@ from irsd.sim.__main__ import Robot2Zenoh
 from irsd.sim.building import Building, Thing
 from irsd.sim.space import ROBOT_RADIUS_M
 from irsd.sim.world import ODOM_TOPIC, World
+from nav_bridge.approach import in_polygon
 from nav_bridge.bridge import Bridge
 from nav_bridge.config import BridgeSettings
 from nav_bridge.route import CostMap, RouteSettings, plan_route
@@ -47,26 +52,32 @@ from nav_bridge.search import warm_up
 
 TICK_S = 0.02
 PACE = 4.0  # simulated seconds per second at most: zenoh's threads must keep up
-ARRIVAL_M = 0.5
+ARRIVAL_M, SURE_M = 0.5, 0.45  # within a cell of the map's resolution, a refusal is as right as an arrival
+CLEARANCE_M = 0.03  # what the robot's own steering keeps free round its body
 EXPLORE_LIMIT_S, GOAL_LIMIT_S, SETTLE_S = 400.0, 240.0, 3.0
 FINAL = ("reached", "failed", "cancelled", "preempted")
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What is asked for. accepted: ids of the true things that it may mean; possible: one of them can be come near enough to."""
+    """What is asked for. accepted: ids of the true things that it may mean; best_m: how near one can get to any of them."""
 
     query: str
     accepted: tuple[int, ...]
-    possible: bool
+    best_m: float
+
+    @property
+    def possible(self) -> bool:
+        return self.best_m <= SURE_M
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a goal. verdict: reached, refused (truly) or wrong; distance_m, shortest_m by the truth."""
+    """What became of a goal. verdict: reached, refused (truly) or wrong; distance_m, best_m, shortest_m by the truth."""
 
     seed: int
     query: str
+    best_m: float
     verdict: str
     state: str
     reason: str
@@ -89,7 +100,7 @@ class Truth:
         free = space.clearance_m >= ROBOT_RADIUS_M
         clear = space.clearance_m.astype(np.float32)
         self._costs = CostMap(space.frame, ~free, clear, free, np.ones_like(clear), np.ones_like(free))
-        labels, _ = ndimage.label(free)
+        labels, _ = ndimage.label(clear >= ROBOT_RADIUS_M + CLEARANCE_M)
         row, col = space.frame.cells_of(np.zeros((1, 2)))[0]
         self._standing = space.frame.centres_of(np.argwhere(labels == labels[row, col]))
         self._triangles = {
@@ -111,28 +122,37 @@ class Truth:
             best[inside & (turn != 0)] = 0.0
         return best
 
-    def goals(self, count: int, rng: np.random.Generator) -> list[Goal]:
-        """Random goals until ``count`` of them are possible."""
+    def goals(self, graph: GraphSnapshot, count: int, rng: np.random.Generator) -> list[Goal]:
+        """Random goals until ``count`` of them are possible. graph: what irsd calls the rooms."""
         goals: list[Goal] = []
         things = [thing for thing in self._building.things if not thing.structural and thing.room >= 0]
         for index in rng.permutation(len(things)):
             if sum(goal.possible for goal in goals) == count:
                 break
-            goals.append(self._goal(things[index]))
+            goals.append(self._goal(things[index], graph))
         return goals
 
-    def _goal(self, thing: Thing) -> Goal:
-        building = self._building
-        kind = building.rooms[thing.room].label
-        alike = [
-            other.id
-            for other in building.things
-            if other.room >= 0 and building.rooms[other.room].label == kind
-            and ({thing.label, *thing.synonyms} & {other.label, *other.synonyms})
-        ]  # fmt: skip
-        query = f"{'any' if len(alike) > 1 else 'the'} {thing.label} in the {kind}"
-        possible = any(self.distance(number, self._standing).min() <= ARRIVAL_M for number in alike)
-        return Goal(query, tuple(alike), bool(possible))
+    def _goal(self, thing: Thing, graph: GraphSnapshot) -> Goal:
+        names = {thing.label, *thing.synonyms}
+        alike = [t for t in self._building.things if t.room >= 0 and names & {t.label, *t.synonyms}]
+        query = f"the {thing.label}"
+        if len(alike) > 1:
+            name, rooms = self._room_name(thing.room, graph)
+            alike = [other for other in alike if other.room in rooms]
+            query = f"{'any' if len(alike) > 1 else 'the'} {thing.label} in {name}"
+        accepted = tuple(other.id for other in alike)
+        return Goal(query, accepted, min(float(self.distance(t, self._standing).min()) for t in accepted))
+
+    def _room_name(self, room: int, graph: GraphSnapshot) -> tuple[str, set[int]]:
+        """What to call a true room, and the true rooms that this means."""
+        rooms = self._building.rooms
+        kind, middle = rooms[room].label, rooms[room].polygon_xy.mean(0)
+        sure = {node.id for node in graph.rooms if node.label == kind}
+        for node in graph.rooms:
+            if in_polygon(middle[None], node.polygon_xy)[0]:
+                alike = {k for k, other in enumerate(rooms) if other.label == kind}
+                return (f"the {kind}", alike) if sure == {node.id} and len(alike) == 1 else (node.id, {room})
+        return f"the {kind}", {room}
 
     def shortest_m(self, start_xy: NDArray[np.float64], end_xy: NDArray[np.float64]) -> float | None:
         """Any-angle way on the true map for the robot's body."""
@@ -166,13 +186,17 @@ class Loop:
         stack.callback(self._publisher.close)
         self._publisher.announce()
         settings = replace(BridgeSettings(), robot=config.robot)
-        settings = replace(settings, drive=replace(settings.drive, review_s=settings.drive.review_s / PACE))
+        settings = replace(
+            settings,
+            drive=replace(settings.drive, review_s=settings.drive.review_s / PACE),
+            route=replace(settings.route, robot_radius_m=ROBOT_RADIUS_M, clearance_m=CLEARANCE_M),
+        )
         self._bridge = Bridge(peer, settings, encoder)
         stack.callback(self._bridge.close)
         self.states: Ring[Sample] = Ring(256)
         self._hub.subscribe(self.keys.nav("state"), self.states)
         self.driven_m, self.least_m, self.deepest_m = 0.0, np.inf, 0.0
-        self.things = 0
+        self.graph = pipeline.snapshot()
 
     def _arrays(self, instance: str) -> Any:
         with self._irsd.locked() as pipeline:
@@ -200,7 +224,7 @@ class Loop:
         for frame in self._sync.pop():
             with self._irsd.locked() as pipeline:
                 result = pipeline.step(frame)
-            self.things = len(result.snapshot.instances)
+            self.graph = result.snapshot
             if result.delta is not None:
                 self._publisher.publish(result.delta, result.snapshot)
         self._bridge.step(self.world.now_ns)
@@ -251,11 +275,11 @@ def judge(loop: Loop, truth: Truth, goal: Goal, seed: int) -> Outcome:
     verdict = "wrong"
     if state["state"] == "reached" and distance <= ARRIVAL_M:
         verdict = "reached"
-    elif state["state"] == "unreachable" and not goal.possible:
+    elif not goal.possible and (state["state"] == "unreachable" or "nearest place to stand" in state["reason"]):
         verdict = "refused"
     target = answer.get("target") or {}
     return Outcome(
-        seed, goal.query, verdict, state["state"], state["reason"], round(distance, 3), state["distance_m"],
+        seed, goal.query, round(goal.best_m, 3), verdict, state["state"], state["reason"], round(distance, 3), state["distance_m"],
         planned, loop.driven_m - driven_m, truth.shortest_m(start, here), (loop.world.now_ns - began_ns) * 1e-9,
         int(state["plans"]), f"{target.get('instance')} {target.get('label')}",
     )  # fmt: skip
@@ -274,14 +298,14 @@ def run_building(seed: int, goals: int, encoder: LabelEncoder) -> tuple[list[Out
         explored_s = (loop.world.now_ns - loop.world.start_ns) * 1e-9
         truth = Truth(loop.world.building)
         outcomes = []
-        for goal in truth.goals(goals, np.random.default_rng([seed, 2026])):
+        for goal in truth.goals(loop.graph, goals, np.random.default_rng([seed, 2026])):
             outcomes.append(judge(loop, truth, goal, seed))
             show(outcomes[-1])
         robot = loop.world.robot
         drift_m = float(np.hypot(*(robot.pose[:2] - robot.odometry[:2])))
         simulated_s = (loop.world.now_ns - loop.world.start_ns) * 1e-9
         summary = {
-            "seed": seed, "explored_s": round(explored_s, 1), "things": loop.things, "collisions": robot.collisions,
+            "seed": seed, "explored_s": round(explored_s, 1), "things": len(loop.graph.instances), "collisions": robot.collisions,
             "least_clearance_m": round(loop.least_m - ROBOT_RADIUS_M, 3), "drift_m": round(drift_m, 3),
             "driven_m": round(loop.driven_m, 1), "simulated_s": round(simulated_s, 1),
             "speed_x": round(simulated_s / (time.perf_counter() - wall_s), 2),
@@ -299,10 +323,11 @@ def show(outcome: Outcome) -> None:
     )
 
 
-def table(outcomes: list[Outcome], summaries: list[dict[str, Any]]) -> dict[str, Any]:
+def table(outcomes: list[Outcome], summaries: list[dict[str, Any]]) -> list[str]:
     """The figures of all buildings together; printed, and returned for the JSON file."""
-    verdicts = Counter(outcome.verdict for outcome in outcomes)
-    possible = verdicts["reached"] + verdicts["wrong"]
+    possible = [outcome for outcome in outcomes if outcome.best_m <= SURE_M]
+    verdicts = Counter(outcome.verdict for outcome in possible)
+    beyond = Counter(outcome.verdict for outcome in outcomes if outcome.best_m > SURE_M)
     reached = [outcome for outcome in outcomes if outcome.verdict == "reached"]
     long_enough = [o for o in reached if o.shortest_m is not None and o.planned_m is not None and o.shortest_m >= 1.0]
     ratios = {
@@ -311,10 +336,12 @@ def table(outcomes: list[Outcome], summaries: list[dict[str, Any]]) -> dict[str,
     }
     away = sorted(outcome.distance_m for outcome in reached)
     rows: list[tuple[str, Any, str]] = [
-        ("goals that can be reached", possible, ""),
-        ("reached within 0.5 m by true pose", verdicts["reached"], f">= {0.97 * possible:.0f}"),
-        ("refused, and truly out of reach", verdicts["refused"], ""),
-        ("anything else", verdicts["wrong"], "0"),
+        ("goals that can be reached", len(possible), ""),
+        ("reached within 0.5 m by true pose", verdicts["reached"], f">= {0.97 * len(possible):.0f}"),
+        ("anything else", verdicts["wrong"], ""),
+        ("asked for besides, out of reach or on its edge", sum(beyond.values()), ""),
+        ("refused or reached, and truly so", beyond["refused"] + beyond["reached"], ""),
+        ("anything else", beyond["wrong"], "0"),
         ("collisions", sum(s["collisions"] for s in summaries), "0"),
         ("least distance of the body to anything, m", min(s["least_clearance_m"] for s in summaries), ">= 0"),
         (
@@ -330,7 +357,7 @@ def table(outcomes: list[Outcome], summaries: list[dict[str, Any]]) -> dict[str,
     print()
     for name, value, bar in rows:
         print(f"{name:44s} {value!s:>14s}   {bar}")
-    return {name: value for name, value, _ in rows}
+    return [f"{name}: {value}" for name, value, _ in rows]
 
 
 def _seeds(text: str) -> list[int]:
@@ -356,8 +383,10 @@ def main() -> int:
     if arguments.json is not None:
         document = {"table": figures, "buildings": summaries, "goals": [asdict(outcome) for outcome in outcomes]}
         arguments.json.write_text(json.dumps(document, indent=1, default=str) + "\n")
-    wrong = sum(outcome.verdict == "wrong" for outcome in outcomes)
-    return int(wrong > 0.03 * (len(outcomes) or 1) or any(summary["collisions"] for summary in summaries))
+    wrong = sum(outcome.verdict == "wrong" and outcome.best_m <= SURE_M for outcome in outcomes)
+    return int(
+        wrong > 0.03 * arguments.goals * len(arguments.seeds) or any(summary["collisions"] for summary in summaries)
+    )
 
 
 if __name__ == "__main__":

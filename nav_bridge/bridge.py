@@ -26,8 +26,9 @@ from irsd.io.keys import RobotKeys, subscriptions
 from irsd.io.session import Query, Sample, Session, open_session
 from irsd.perception.encoder import LabelEncoder
 from nav_bridge.answer import Answer, answer_document, answer_text
-from nav_bridge.config import BridgeSettings, SinkSettings
+from nav_bridge.config import BridgeSettings, state_file
 from nav_bridge.drive import Doubt, Drive
+from nav_bridge.journal import Entry, Journal
 from nav_bridge.mirror import GraphMirror
 from nav_bridge.monitor import Driving, Failed, Outcome, Reached
 from nav_bridge.planner import Planner, World, XyYaw
@@ -35,6 +36,7 @@ from nav_bridge.requests import Goto, Request, checked_goto, request_of
 from nav_bridge.scout import Scout
 from nav_bridge.search import warm_up
 from nav_bridge.sinks.base import Plan, Sink
+from nav_bridge.sinks.guard import Guard
 from nav_bridge.sinks.nav2 import Nav2Sink
 from nav_bridge.sinks.ros2 import RosSink
 from nav_bridge.sinks.zenoh import ZenohSink
@@ -56,7 +58,7 @@ class Bridge:
         self._settings = settings
         self._keys = RobotKeys(settings.robot)
         self._planner = Planner(encoder, settings)
-        self._sinks = _sinks(session, self._keys, settings.sinks)
+        self._sinks = _sinks(session, self._keys, settings)
         self._source = Source(session, self._keys, settings.reply_timeout_s, settings.route)
         self._scout = Scout(self._source, settings.drive.review_s)
         self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
@@ -71,11 +73,16 @@ class Bridge:
         self._state_seq = 0
         self._reported_ns = 0
         self._bad_odometry = 0
+        self._irsd_gone, self._irsd_gone_ns = False, 0
+        self._journal = Journal(state_file(settings))
+        self._owed, self._owed_since_ns = self._journal.read(), monotonic_ns()
+        self._tokens: Ring[Sample] = Ring(16, self._wake)
         topics = subscriptions(settings.odom_topic, _ODOMETRY, namespace=settings.odom_namespace)
         self._handles = [session.subscribe(key, self._odometry) for key in topics]
         self._handles += [
             session.queryable(self._keys.nav(name), partial(self._ask, name)) for name in ("goto", "why", "cancel")
         ]
+        self._handles.append(session.watch_alive(self._keys.alive, self._tokens))
         self._handles.append(session.announce(self._keys.nav("alive")))
 
     # --------------------------------------------------------------------------------------------------- the loop
@@ -92,6 +99,12 @@ class Bridge:
         """One turn: odometry, then requests, then the clock."""
         for sample in self._odometry.drain():
             self._hear(sample)
+        for token in self._tokens.drain():
+            self._irsd_gone = token.deleted
+            if token.deleted:
+                self._irsd_gone_ns = token.received_ns
+        if self._owed is not None:
+            self._take_up(*self._owed, now_ns)
         for request in self._requests.drain():
             self._serve(request, now_ns)
         if self._drive is not None:
@@ -145,6 +158,7 @@ class Bridge:
         elif now_ns - self._reported_ns >= _STATE_PERIOD_NS:
             self._report(drive, "driving", outcome, _progress(drive, outcome))
             self._reported_ns = now_ns
+            self._journal.touch()
 
     # --------------------------------------------------------------------------------------------------- requests
     def _ask(self, name: str, query: Query) -> None:
@@ -167,6 +181,10 @@ class Bridge:
 
     def _cancel(self) -> dict[str, Any]:
         drive = self._drive
+        if self._owed is not None:
+            owed = self._owed[0]
+            self._drop_owed("cancelled", "cancelled on request")
+            return {"goal_id": owed.goal_id, "text": f"cancelled the drive to {owed.target}"}
         if drive is None:
             return {"goal_id": None, "text": "nothing to cancel"}
         self._end("cancelled", "cancelled on request", None, stop=True)
@@ -208,6 +226,7 @@ class Bridge:
         drive = Drive(goal_id, goto.query, within_m, goto.priority)
         if not drive.adopt(answer, graph, settings.monitor, settings.approach, now_ns):
             return
+        self._drop_owed("preempted", f"preempted by {goal_id}")
         if self._drive is not None:
             self._end("preempted", f"preempted by {goal_id}", None)
         self._drive = drive
@@ -219,6 +238,7 @@ class Bridge:
         """Tells the vehicle the drive's plan."""
         self._send(drive.plan(self._settings.drive))
         self._beat_ns = self._reported_ns = now_ns
+        self._journal.write(drive.entry())
         self._scout.aim(drive.seq, None if drive.target.is_room else drive.target.instance)
         whole = Driving(drive.length_m, None)
         self._report(drive, "driving", whole, f"driving to {drive.name}, {drive.length_m:.1f} m to go")
@@ -231,6 +251,10 @@ class Bridge:
             self._end("failed", f"vehicle: {trouble}", None, stop=True)
             return
         settings, graph = self._settings, self._mirror.graph
+        if self._irsd_gone or self._mirror.synced_ns < self._irsd_gone_ns:
+            gone = Doubt("irsd is gone", "irsd is gone: nobody watches map and target")
+            self._wait(drive, gone, "it has not come back with its graph", now_ns)
+            return
         if graph is None or self._pose is None or now_ns - drive.planned_ns < settings.drive.replan_pause_s * 1e9:
             return
         view = seen = self._scout.view()
@@ -249,9 +273,7 @@ class Bridge:
     def _replan(self, drive: Drive, doubt: Doubt, world: World, now_ns: int) -> None:
         """A new plan for the goal; none: hold and try again until the patience ends. A target that vanished is looked for anew."""
         settings = self._settings
-        if drive.holding_ns is None:
-            _log.info("%s planning anew: %s", drive.goal_id, doubt.text)
-            self._report(drive, "planning", Driving(0.0, None), f"planning anew: {doubt.text}", doubt.cause)
+        self._report_doubt(drive, doubt)
         if doubt.cause == "vanished":
             answer = self._planner.answer(drive.query, world, drive.within_m)
         else:
@@ -262,12 +284,50 @@ class Bridge:
         elif doubt.cause == "vanished":
             self._end("failed", f"vanished: {doubt.text}; {answer_text(answer, world.graph)}", None, stop=True)
         else:
-            if drive.holding_ns is None:
-                self._send(drive.stop(settings.drive))
-            drive.hold(now_ns)
-            self._scout.aim(drive.seq, None if drive.target.is_room else drive.target.instance)
-            if drive.holding_ns is not None and now_ns - drive.holding_ns >= settings.drive.patience_s * 1e9:
-                self._end("failed", f"{doubt.cause}: {answer.reason}", None)
+            self._wait(drive, doubt, answer.reason, now_ns)
+
+    def _wait(self, drive: Drive, doubt: Doubt, reason: str, now_ns: int) -> None:
+        """The vehicle holds until there is a way again, or the patience is over."""
+        if drive.holding_ns is None:
+            self._report_doubt(drive, doubt)
+            self._send(drive.stop(self._settings.drive))
+        drive.hold(now_ns)
+        self._scout.aim(drive.seq, None if drive.target.is_room else drive.target.instance)
+        if drive.holding_ns is not None and now_ns - drive.holding_ns >= self._settings.drive.patience_s * 1e9:
+            self._end("failed", f"{doubt.cause}: {reason}", None)
+
+    def _take_up(self, entry: Entry, age_s: float, now_ns: int) -> None:
+        """Goes on with the goal that was under way when nav_bridge died, as soon as it is known where the robot is, and in what."""
+        settings, graph = self._settings, self._mirror.graph
+        waited_s = (now_ns - self._owed_since_ns) * 1e-9
+        if age_s > settings.drive.resume_s:
+            self._drop_owed("failed", f"nav_bridge has died and was gone for {age_s:.0f} s")
+        elif graph is None or self._irsd_gone or self._pose is None:
+            if waited_s > settings.drive.patience_s:
+                missing = "odometry" if self._pose is None else "graph"
+                self._drop_owed("failed", f"nav_bridge has died, and there is no {missing} since it is back")
+        elif graph.map_id != entry.map_id:
+            self._drop_owed("failed", "new map: nav_bridge and irsd have died, and irsd has started another map")
+        else:
+            world = World(graph, self._source.cost_map, self._source.points, self._pose, _minute())
+            answer = self._planner.back_to(entry.query, entry.target, world, entry.within_m)
+            drive = Drive(entry.goal_id, entry.query, entry.within_m, entry.priority, entry.plan_seq)
+            if not drive.adopt(answer, graph, settings.monitor, settings.approach, now_ns):
+                self._drop_owed("failed", f"nav_bridge has died, and now: {answer_text(answer, graph)}")
+                return
+            self._owed, self._drive = None, drive
+            self._report(drive, "planning", Driving(drive.length_m, None), "planning anew: nav_bridge was restarted")
+            self._set_off(drive, now_ns)
+
+    def _drop_owed(self, state: str, reason: str) -> None:
+        """The goal that was under way when nav_bridge died is not taken up."""
+        if self._owed is None:
+            return
+        entry, self._owed = self._owed[0], None
+        self._journal.clear()
+        drive = Drive(entry.goal_id, entry.query, entry.within_m, entry.priority, entry.plan_seq)
+        self._report(drive, state, Driving(0.0, None), f"{state.capitalize()}: {reason}", reason)
+        _log.info("%s %s %s", entry.goal_id, state, reason)
 
     # ------------------------------------------------------------------------------------------------------ telling
     def _end(self, state: str, reason: str, distance_m: float | None, *, text: str = "", stop: bool = False) -> None:
@@ -276,10 +336,17 @@ class Bridge:
         if drive is None:
             return
         self._scout.aim(None)
+        self._journal.clear()
         if stop:
             self._send(drive.stop(self._settings.drive))
         self._report(drive, state, Driving(0.0, distance_m), text or f"{state.capitalize()}: {reason}", reason)
         _log.info("%s %s %s", drive.goal_id, state, text or reason)
+
+    def _report_doubt(self, drive: Drive, doubt: Doubt) -> None:
+        """Once for every hold or new plan."""
+        if drive.holding_ns is None:
+            _log.info("%s planning anew: %s", drive.goal_id, doubt.text)
+            self._report(drive, "planning", Driving(0.0, None), f"planning anew: {doubt.text}", doubt.cause)
 
     def _send(self, plan: Plan) -> None:
         for sink in self._sinks:
@@ -291,14 +358,15 @@ class Bridge:
         self._session.put(self._keys.nav("state"), json.dumps(document).encode(), express=True)
 
 
-def _sinks(session: Session, keys: RobotKeys, settings: SinkSettings) -> tuple[Sink, ...]:
-    sinks: list[Sink] = [ZenohSink(session, keys), RosSink(session, settings)]
-    if settings.action != "none":
-        sinks.append(Nav2Sink(session, settings))
-    if settings.mavlink.url:
+def _sinks(session: Session, keys: RobotKeys, settings: BridgeSettings) -> tuple[Sink, ...]:
+    chosen = settings.sinks
+    sinks: list[Sink] = [ZenohSink(session, keys), RosSink(session, chosen)]
+    if chosen.action != "none":
+        sinks.append(Nav2Sink(session, chosen, Guard(chosen, settings.zenoh)))
+    if chosen.mavlink.url:
         from nav_bridge.sinks.mavlink import MavlinkSink  # noqa: PLC0415  takes 0.2 s and 14 MB
 
-        sinks.append(MavlinkSink(settings.mavlink))
+        sinks.append(MavlinkSink(chosen.mavlink))
     return tuple(sinks)
 
 

@@ -51,6 +51,10 @@ class BridgeSettings:
     robot: str = setting("robot", "name of the robot, the second part of every key")
     odom_topic: str = setting("/odom", "ROS topic with the robot's odometry")
     odom_namespace: str = setting("", "namespace of zenoh-bridge-ros2dds on the input side, if it has one")
+    state_directory: str = setting(
+        "",
+        "keeps the goal under way; empty: $STATE_DIRECTORY (systemd), else $XDG_STATE_HOME/irsd or ~/.local/state/irsd",
+    )
     reply_timeout_s: float = setting(3.0, "how long irsd may take to answer a question", lo=0.1, hi=60.0)
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
@@ -90,6 +94,16 @@ def load_settings(path: Path | None) -> BridgeSettings:
     for rule in settings.geofence.rules:
         parse_rule(rule)
     return settings
+
+
+def state_file(settings: BridgeSettings) -> Path | None:
+    """Where the goal under way is kept, None where none is to be resumed."""
+    if settings.drive.resume_s <= 0:
+        return None
+    base = os.environ.get("XDG_STATE_HOME")
+    home = (Path(base) if base else Path.home() / ".local" / "state") / "irsd"
+    named = settings.state_directory or os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return (Path(named).expanduser() if named else home) / settings.robot / "goal.json"
 
 
 def load_map_file(path: Path) -> MapFile:

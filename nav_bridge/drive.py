@@ -12,6 +12,7 @@ from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot
 from nav_bridge.answer import Answer, name_of
 from nav_bridge.approach import ApproachSettings, surface_distance
+from nav_bridge.journal import Entry
 from nav_bridge.monitor import Driving, Monitor, MonitorSettings
 from nav_bridge.route import CostMap, line_cells
 from nav_bridge.sinks.base import Plan, Waypoints
@@ -31,6 +32,9 @@ class DriveSettings:
     replan_pause_s: float = setting(1.5, "shortest time between two plans for one goal", lo=0.1, hi=60.0)
     patience_s: float = setting(
         15.0, "how long a robot without a way waits for one to open before it gives up", lo=0.0, hi=600.0
+    )
+    resume_s: float = setting(
+        30.0, "a goal under way when nav_bridge died goes on if it is back within this time; 0: never", lo=0.0, hi=600.0
     )
     max_replans: int = setting(30, "plans after which a goal is given up", lo=0, hi=10_000)
 
@@ -55,7 +59,8 @@ class Doubt:
 class Drive:
     """The goal being driven. ``adopt`` gives it a (new) plan; ``doubt`` says whether the plan is still good."""
 
-    def __init__(self, goal_id: str, query: str, within_m: float, priority: int) -> None:
+    def __init__(self, goal_id: str, query: str, within_m: float, priority: int, seq: int = 0) -> None:
+        """seq: number of the last plan told for this goal by a bridge that has died since."""
         self.goal_id = goal_id
         self.query = query
         self.within_m = within_m
@@ -63,7 +68,8 @@ class Drive:
         self.plans = 0
         self.planned_ns = 0
         self.holding_ns: int | None = None
-        self._seq = 0
+        self.frame = "map"
+        self._seq = seq
 
     def adopt(
         self,
@@ -107,6 +113,11 @@ class Drive:
         """The word to stand still."""
         self._seq += 1
         return Plan(self.goal_id, self._seq, self.frame, (), settings.valid_s)
+
+    def entry(self) -> Entry:
+        """What must be known to go on with the goal after a death. Its numbers leave room for the stops told meanwhile."""
+        target = self.target.instance
+        return Entry(self.goal_id, self.query, target, self.within_m, self.priority, self._seq + 100, self.map_id)
 
     @property
     def seq(self) -> int:

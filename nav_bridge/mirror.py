@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from irsd.core.errors import IrsdError
-from irsd.core.runtime import Cell, Counters, Ring, Stopper, Worker
+from irsd.core.runtime import Cell, Counters, Ring, Stopper, Worker, monotonic_ns
 from irsd.graph.codec import delta_from_json, snapshot_from_json
 from irsd.graph.model import DoorEdge, GraphDelta, GraphSnapshot, InstanceNode, RoomNode
 from irsd.io.keys import RobotKeys
@@ -55,6 +55,7 @@ class GraphMirror:
         self._keys = keys
         self._timeout_s = timeout_s
         self._graph: Cell[GraphSnapshot | None] = Cell(None)
+        self._synced_ns: Cell[int] = Cell(0)
         self._counters = Counters()
         self._stopper = Stopper()
         self._deltas: Ring[Sample] = Ring(_BACKLOG)
@@ -68,6 +69,11 @@ class GraphMirror:
     def graph(self) -> GraphSnapshot | None:
         """The latest graph, None while irsd has not answered yet."""
         return self._graph.get()
+
+    @property
+    def synced_ns(self) -> int:
+        """When irsd was last asked for its whole graph, and answered; 0 before."""
+        return self._synced_ns.get()
 
     @property
     def alive(self) -> bool:
@@ -118,11 +124,13 @@ class GraphMirror:
     def _resync(self) -> bool:
         """Takes the snapshot; False when irsd does not answer with one."""
         self._counters.add("resyncs")
+        asked_ns = monotonic_ns()
         for reply in self._session.get(self._keys.snapshot, timeout_s=self._timeout_s):
             if not reply.ok:
                 continue
             try:
                 self._graph.set(snapshot_from_json(reply.payload))
+                self._synced_ns.set(asked_ns)
                 return True
             except IrsdError as error:
                 self._counters.add("bad_documents")

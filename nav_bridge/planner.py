@@ -107,6 +107,14 @@ class Planner:
             return replace(blank, reason="no map of free space is known")
         return self._to(blank, answer.target, world, costs, within_m)
 
+    def back_to(self, text: str, target_id: str, world: World, within_m: float) -> Answer:
+        """A way to the instance or room that a sentence once meant; the answer to the sentence where that is no longer known."""
+        spec, resolution = self.resolve(text, world.graph, world.robot[:2])
+        target = next((c for c in resolution.considered if c.instance == target_id), None)
+        if target is None:
+            return self.answer(text, world, within_m)
+        return self.again(Answer(text, "unreachable", spec, resolution, target, None, None, ""), world, within_m)
+
     def _rooms(self, spec: GoalSpec, graph: GraphSnapshot) -> tuple[tuple[str, str, float], ...]:
         """How far each room is the one that was named; empty when none was."""
         if not spec.room:

@@ -21,7 +21,7 @@ from irsd.core.types import OdomSample
 from irsd.graph.codec import array_to_bytes, delta_to_json, occupancy_to_png, snapshot_to_json
 from irsd.graph.model import GraphDelta
 from irsd.io.keys import RobotKeys
-from irsd.io.session import PNG, Query, Sample, Session, ZenohSettings, open_session
+from irsd.io.session import PNG, Handle, Query, Sample, Session, ZenohSettings, open_session
 from irsd.sensors.encode import encode_odometry
 from irsd.sim.orders import Orders
 
@@ -46,6 +46,7 @@ class StandIn:
         self.graph = house.GRAPH
         self.cells = house.occupancy()
         self._count = 0
+        self._token: Handle | None = None
         self._deltas = session.history_publisher(KEYS.delta)
         session.subscribe(KEYS.nav("waypoints"), self.waypoints)
         session.subscribe(KEYS.nav("state"), self.states)
@@ -66,6 +67,14 @@ class StandIn:
         name = query.key.split("/")[-2]
         payload, attachment = array_to_bytes(self.more_points.get(name, house.points_of(name)))
         query.reply(query.key, payload, attachment=attachment)
+
+    def irsd_lives(self, lives: bool) -> None:
+        """Shows or withdraws irsd's token."""
+        if lives and self._token is None:
+            self._token = self.session.announce(KEYS.alive)
+        elif not lives and self._token is not None:
+            self._token.close()
+            self._token = None
 
     def publish_delta(self, delta: GraphDelta) -> None:
         self._deltas.put(delta_to_json(delta))
@@ -145,6 +154,7 @@ class BridgeProcess:
 
     def __init__(self, stand_in: StandIn, endpoint: str, config: Path) -> None:
         self._stand_in = stand_in
+        self.state = config.parent / "state"
         self._command = [sys.executable, "-m", "nav_bridge", "--config", str(config), "--endpoint", endpoint]
         self.start()
 
@@ -175,7 +185,7 @@ class BridgeProcess:
 def running(folder: Path, settings: str) -> Iterator[tuple[StandIn, BridgeProcess]]:
     """Stand-in and bridge, with these settings; the bridge must end well."""
     config, endpoint = folder / "nav.yaml", free_endpoint()
-    config.write_text("robot: bot\nzenoh: {connect: []}\n" + settings)
+    config.write_text(f"robot: bot\nstate_directory: {folder / 'state'}\nzenoh: {{connect: []}}\n" + settings)
     with open_session(ZenohSettings(endpoint=endpoint, connect=()), "hub") as session:
         stand_in = StandIn(session)
         bridge = BridgeProcess(stand_in, endpoint, config)

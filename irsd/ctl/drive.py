@@ -54,16 +54,18 @@ def go(
 
 def follow(states: Ring[Sample], goal_id: str, *, quiet: bool) -> dict[str, Any]:
     """Wait for the end of a goal; prints how it goes unless quiet. Returns the final state document."""
-    shown, shown_s = "", 0.0
+    shown, shown_s, gone = "", 0.0, False
     while True:
         sample = states.get(timeout_s=SILENCE_S)
         if sample is None:
-            reason = f"no word from nav_bridge for {SILENCE_S:g} s"
+            reason = "nav_bridge has died" if gone else f"no word from nav_bridge for {SILENCE_S:g} s"
             click.echo(f"Failed: {reason}", err=True)
             return {"goal_id": goal_id, "state": "failed", "reason": reason}
-        if sample.deleted:  # the token that says nav_bridge lives: the vehicle holds by itself
-            click.echo("Failed: nav_bridge has died or was stopped; the robot holds", err=True)
-            return {"goal_id": goal_id, "state": "failed", "reason": "nav_bridge is gone"}
+        if (
+            sample.deleted
+        ):  # the token that says nav_bridge lives: the vehicle holds by itself, and its successor goes on
+            gone = True
+            click.echo("nav_bridge has died or was stopped; the robot holds", err=True)
         if not sample.payload:
             continue
         state: dict[str, Any] = json.loads(sample.payload)

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from irsd.core.errors import DecodeError, TransportError
 from irsd.core.runtime import Cell, Stopper, Worker, monotonic_ns, monotonic_s, wall_clock_ns
 from irsd.io.cdr import (
-    CANCEL_RESPONSE,
     GET_RESULT_REQUEST,
     NAVIGATE_FEEDBACK,
     SEND_GOAL_RESPONSE,
     decode_result_status,
-    encode_cancel,
     encode_goal_path,
     encode_goal_pose,
     make,
@@ -26,15 +24,17 @@ from irsd.io.cdr import (
     read,
     write,
 )
-from irsd.io.keys import bridge_key, ros_attachment, ros_service_tokens, service_key_of
 from irsd.io.session import Sample, Session
 from nav_bridge.config import SinkSettings
+from nav_bridge.sinks.action import ActionClient
 from nav_bridge.sinks.base import Plan
+from nav_bridge.sinks.guard import Guard
 
 _log = logging.getLogger(__name__)
 
 _PERIOD_S = 0.05
 _ASK_S = 5.0
+_FEEDBACK_S = 3.0  # Nav2 speaks many times a second; a bridge between us goes on answering when Nav2 is dead
 _RESULT_S = 300.0  # as long as the bridge lets a get_result wait; then it is asked again
 _SUCCEEDED, _ENDS = 4, {5: "Nav2 cancelled the goal", 6: "Nav2 gave up (aborted)"}
 
@@ -59,23 +59,20 @@ class _Goal:
 class Nav2Sink:
     """Sends plans as goals of one action. send, beat, trouble, close: from one thread; Nav2 is spoken to by another."""
 
-    def __init__(self, session: Session, settings: SinkSettings) -> None:
-        self._session = session
+    def __init__(self, session: Session, settings: SinkSettings, guard: Guard | None = None) -> None:
+        """guard: cancels the goal should this process be killed; None: nobody does."""
         self._settings = settings
-        self._action = (settings.action_name or settings.action).strip("/")
-        self._gid = hashlib.sha256(f"{session.zid}/nav2".encode()).digest()[:16]
-        self._seq = 0
+        self._guard = guard
+        self._client = ActionClient(session, settings)
         self._order: Cell[_Order | None] = Cell(None)
         self._trouble: Cell[str] = Cell("")
         self._result: Cell[tuple[bytes, str] | None] = Cell(None)
+        self._heard_s: Cell[float | None] = Cell(None)
         self.distance_left_m: Cell[float | None] = Cell(None)
         self._goal: _Goal | None = None
         self._failed: tuple[str, int] | None = None
         self._stopper = Stopper()
-        tail = "" if settings.form == "bridge" else "/*/*"
-        name = f"{self._action}/_action/feedback"
-        key = bridge_key(name, settings.namespace) if settings.form == "bridge" else f"{settings.domain}/{name}{tail}"
-        self._feedback = session.subscribe(key, self._hear)
+        self._feedback = session.subscribe(self._client.feedback_key, self._hear)
         self._worker = Worker("nav2", self._run, lambda error: self._trouble.set(f"internal error: {error}")).start()
 
     def send(self, plan: Plan) -> None:
@@ -97,7 +94,8 @@ class Nav2Sink:
         self._feedback.close()
 
     def _hear(self, sample: Sample) -> None:
-        """Feedback, on the session's dispatcher thread. FollowPath's has other fields: it is only logged that it comes."""
+        """Feedback, on the session's dispatcher thread. FollowPath's has other fields: that it comes is enough."""
+        self._heard_s.set(monotonic_s())
         if self._settings.action != "navigate_to_pose":
             return
         try:
@@ -120,6 +118,8 @@ class Nav2Sink:
             self._cancel("nav_bridge stops")
         except (TransportError, DecodeError) as error:
             _log.warning("the goal could not be cancelled: %s", error)
+        if self._guard is not None:
+            self._guard.close()
 
     def _step(self, order: _Order | None, now_s: float) -> None:
         self._take_result()
@@ -129,6 +129,13 @@ class Nav2Sink:
         if now_s - order.beat_s > order.plan.valid_s:
             self._cancel("the plan is stale")
             return
+        heard_s, goal = self._heard_s.get(), self._goal
+        if goal is not None and goal.waiting.alive and heard_s is not None and now_s - heard_s > _FEEDBACK_S:
+            self._failed = goal.plan
+            self._trouble.set(f"Nav2 is gone: no feedback for {now_s - heard_s:.0f} s")
+            self._cancel("it is silent")
+        if self._guard is not None:
+            self._guard.check()
         name = (order.plan.goal_id, order.plan.seq)
         if name != self._failed and (self._goal is None or self._goal.plan != name):
             self._start(order.plan, name)  # Nav2 itself preempts the goal before
@@ -140,17 +147,22 @@ class Nav2Sink:
         self._result.set(None)
         if result[1]:
             self._fail(result[1])
+        else:
+            self._watch(None)
 
     def _start(self, plan: Plan, name: tuple[str, int]) -> None:
-        goal_id = hashlib.sha256(f"{self._gid.hex()}/{name}/{monotonic_ns()}".encode()).digest()[:16]
         stamp_ns, follow = wall_clock_ns(), self._settings.action == "follow_path"
+        goal_id = hashlib.sha256(f"{plan}/{stamp_ns}/{monotonic_ns()}".encode()).digest()[:16]
         if follow:
             request = encode_goal_path(goal_id, stamp_ns, plan.frame, plan.waypoints, self._settings.progress_checker)
         else:
             request = encode_goal_pose(goal_id, stamp_ns, plan.frame, plan.waypoints[-1])
         self._failed = name  # until it is accepted
-        answer = self._ask("send_goal", request, _ASK_S)
+        self._heard_s.set(None)
+        self._watch(goal_id)
+        answer = self._client.ask("send_goal", request, _ASK_S)
         if not read(answer, SEND_GOAL_RESPONSE).accepted:
+            self._watch(None)
             self._trouble.set("Nav2 refused the goal")
             return
         self._failed = None
@@ -164,7 +176,7 @@ class Nav2Sink:
         while not self._stopper.requested:
             began_s = monotonic_s()
             try:
-                status = decode_result_status(self._ask("get_result", request, _RESULT_S))
+                status = decode_result_status(self._client.ask("get_result", request, _RESULT_S))
             except (TransportError, DecodeError) as error:
                 if monotonic_s() - began_s < 0.9 * _RESULT_S:
                     self._result.set((goal_id, f"Nav2 is gone: {error}"))
@@ -176,35 +188,21 @@ class Nav2Sink:
 
     def _cancel(self, why: str) -> None:
         goal, self._goal = self._goal, None
-        if goal is None or not goal.waiting.alive:
+        if goal is None:
             return
-        answer = read(self._ask("cancel_goal", encode_cancel(goal.goal_id), _ASK_S), CANCEL_RESPONSE)
-        _log.info("Nav2's goal is cancelled (%s), return code %d", why, answer.return_code)
+        if goal.waiting.alive:
+            code = self._client.cancel(goal.goal_id, _ASK_S)
+            _log.info("Nav2's goal is cancelled (%s), return code %d", why, code)
+        self._watch(None)
 
     def _fail(self, why: str) -> None:
         """The plan is given up; the bridge hears it as trouble."""
         goal, self._goal = self._goal, None
         if goal is not None:
             self._failed = goal.plan
+            self._watch(None)
         self._trouble.set(why)
 
-    def _ask(self, service: str, request: bytes, timeout_s: float) -> bytes:
-        """The response of one of the action's services. TransportError when nobody answers."""
-        key, attachment = self._key(f"{self._action}/_action/{service}"), None
-        if self._settings.form == "rmw":
-            self._seq += 1
-            attachment = ros_attachment(self._seq, wall_clock_ns(), self._gid)
-        replies = self._session.get(key, timeout_s=timeout_s, payload=request, attachment=attachment)
-        for reply in replies:
-            if reply.ok:
-                return reply.payload
-        raise TransportError(replies[0].error if replies else f"nobody answers to {key}")
-
-    def _key(self, service: str) -> str:
-        s = self._settings
-        if s.form == "bridge":
-            return bridge_key(service, s.namespace)
-        for token in self._session.find_alive(ros_service_tokens(s.domain)):
-            if (key := service_key_of(token, service)) is not None:
-                return key
-        raise TransportError(f"no node of ROS domain {s.domain} serves /{service}")
+    def _watch(self, goal_id: bytes | None) -> None:
+        if self._guard is not None:
+            self._guard.watch(goal_id)

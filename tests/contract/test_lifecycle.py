@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -99,45 +100,100 @@ def test_priorities_decide_who_drives(world: StandIn) -> None:
 
 
 def test_irsd_comes_back_with_the_same_map_or_with_another(world: StandIn) -> None:
-    token = world.session.announce(KEYS.alive)
+    world.irsd_lives(True)
     ready(world, "fridge")
     world.drive_until(lambda s: s["state"] == "driving")
-    token.close()  # irsd dies and comes back, with the map it had stored
-    token = world.session.announce(KEYS.alive)
+    world.irsd_lives(False)  # irsd dies and comes back, with the map it had stored
+    world.irsd_lives(True)
     world.drive_until(lambda s: s["state"] == "reached")
     world.pose = [2.5, 3.0, 0.0]
     ready(world, "fridge")
     world.drive_until(lambda s: s["state"] == "driving")
-    token.close()
+    world.irsd_lives(False)
     world.graph = replace(house.GRAPH, map_id="new", instances=())
-    token = world.session.announce(KEYS.alive)
+    world.irsd_lives(True)
     assert world.drive_until(lambda s: s["state"] == "failed")[-1]["reason"].startswith("new map")
     world.graph = house.GRAPH
-    token.close()
-    world.session.announce(KEYS.alive)
+    world.irsd_lives(False)
+    world.irsd_lives(True)
     deadline = monotonic_s() + PATIENCE_S
     while world.goto("fridge")["status"] != "resolved":
         assert monotonic_s() < deadline
 
 
-def test_a_killed_bridge_leaves_no_moving_robot(world: StandIn, pair: tuple[StandIn, BridgeProcess]) -> None:
-    bridge = pair[1]
+def test_a_robot_whose_irsd_is_gone_holds_and_gives_up_with_the_cause(world: StandIn) -> None:
+    world.irsd_lives(True)
     ready(world, "fridge")
     world.drive_until(lambda s: s["state"] == "driving")
-    held = world.held
-    bridge.kill()
+    stops = world.stops
+    world.irsd_lives(False)
     died_s = monotonic_s()
-    while world.held == held:
+    while world.stops == stops:
         assert monotonic_s() < died_s + PATIENCE_S
         world.step()
         sleep_s(0.005)
-    held_after_s = monotonic_s() - died_s
-    assert held_after_s <= 1.0
+    assert monotonic_s() - died_s <= 1.0
     stands = list(world.pose)
-    bridge.start()
+    failed = world.drive_until(lambda s: s["state"] == "failed")[-1]
+    assert failed["reason"].startswith("irsd is gone")
+    assert world.pose == stands
+    world.irsd_lives(True)
+
+
+def killed_mid_drive(world: StandIn, bridge: BridgeProcess) -> str:
+    """The id of a goal whose bridge was killed; the robot holds, and soon."""
+    world.pose, world.way = [2.5, 3.0, 0.0], []
+    goal = ready(world, "fridge")["goal_id"]
+    world.drive_until(lambda s: s["state"] == "driving")
+    bridge.kill()
+    died_s = monotonic_s()
+    while world.way:  # the rest of it is given up when the robot holds
+        assert monotonic_s() < died_s + PATIENCE_S
+        world.step()
+        sleep_s(0.005)
+    assert monotonic_s() - died_s <= 1.0
+    stands = list(world.pose)
     for _ in range(5):
         world.step()
-    assert world.pose == stands  # a new bridge does not go on with what it does not know
+    assert world.pose == stands
+    world.states.drain()
+    return str(goal)
+
+
+def test_a_bridge_that_was_killed_holds_and_goes_on_when_it_is_back(
+    world: StandIn, pair: tuple[StandIn, BridgeProcess]
+) -> None:
+    goal = killed_mid_drive(world, pair[1])
+    pair[1].start()
+    states = world.drive_until(lambda s: s["state"] == "reached")
+    assert {s["goal_id"] for s in states} == {goal}
+    assert "nav_bridge was restarted" in states[0]["text"]
+    again = ready(world, "television in the kitchen")
+    assert again["goal_id"] != goal
+
+
+def test_a_goal_is_not_taken_up_when_nobody_waits_for_it_any_more(
+    world: StandIn, pair: tuple[StandIn, BridgeProcess]
+) -> None:
+    goal = killed_mid_drive(world, pair[1])
+    kept = pair[1].state / "bot" / "goal.json"
+    long_ago_s = kept.stat().st_mtime - 60.0
+    os.utime(kept, (long_ago_s, long_ago_s))
+    pair[1].start()
+    failed = world.drive_until(lambda s: s["state"] == "failed")[-1]
+    assert (failed["goal_id"], "was gone for" in failed["reason"]) == (goal, True)
+    assert not kept.exists()
+    killed_mid_drive(world, pair[1])  # and nothing is left over that would
+    kept.write_text("{ torn")
+    pair[1].start()
     ready(world, "fridge")
     world.drive_until(lambda s: s["state"] == "reached")
-    assert world.held == held + 1
+
+
+def test_a_goal_of_another_map_is_not_taken_up(world: StandIn, pair: tuple[StandIn, BridgeProcess]) -> None:
+    goal = killed_mid_drive(world, pair[1])
+    world.graph = replace(house.GRAPH, map_id="another")
+    pair[1].start()
+    failed = world.drive_until(lambda s: s["state"] == "failed")[-1]
+    assert (failed["goal_id"], failed["reason"][:7]) == (goal, "new map")
+    world.graph = house.GRAPH
