@@ -64,8 +64,10 @@ class Knowledge:
     def follow(self, graph: GraphSnapshot) -> Index:
         """The index of a graph, made from that of its last revision; what is asked next is then answered without delay."""
         if self._index is None or self._index.graph is not graph:
+            known = self._index.names if self._index is not None else {}
             self._index = index_of(graph, self._index)
             self.places.follow(self._index)
+            self._encoder.encode([name for name in self._index.names if name not in known])
         return self._index
 
     # ------------------------------------------------------------------------------------------------- names of things

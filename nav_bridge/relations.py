@@ -70,46 +70,48 @@ def room_boxes(rooms: Sequence[RoomNode]) -> Boxes:
     return boxes(rows)
 
 
-def _to_local(b: Boxes, xy: Floats) -> Floats:
-    """[n, k, 2] places [n, k, 2] in each box's own frame."""
-    c, s = np.cos(b.yaw_rad)[:, None], np.sin(b.yaw_rad)[:, None]
-    x, y = xy[..., 0] - b.center_m[:, None, 0], xy[..., 1] - b.center_m[:, None, 1]
-    return np.stack([c * x + s * y, c * y - s * x], -1)
+Plan = tuple[Floats, Floats]  # x and y, each [k, n]: k places for each of n boxes
+_CORNERS = (np.array([[1.0], [1.0], [-1.0], [-1.0]]), np.array([[1.0], [-1.0], [-1.0], [1.0]]))
+_GRID = tuple(side.reshape(-1, 1) for side in np.meshgrid(*[np.linspace(-1.0, 1.0, _LATTICE)] * 2))
 
 
-def _places(a: Boxes, local: Floats) -> Floats:
-    """[n, k, 2] map places of [k, 2] places given in halves of each box's sides."""
-    c, s = np.cos(a.yaw_rad)[:, None], np.sin(a.yaw_rad)[:, None]
-    x, y = local[None, :, 0] * a.size_m[:, None, 0] / 2, local[None, :, 1] * a.size_m[:, None, 1] / 2
-    return np.stack([c * x - s * y + a.center_m[:, None, 0], s * x + c * y + a.center_m[:, None, 1]], -1)
+def _to_local(b: Boxes, places: Plan) -> Plan:
+    """Places in each box's own frame."""
+    c, s = np.cos(b.yaw_rad), np.sin(b.yaw_rad)
+    x, y = places[0] - b.center_m[:, 0], places[1] - b.center_m[:, 1]
+    return c * x + s * y, c * y - s * x
 
 
-_CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
-_GRID = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, _LATTICE)] * 2), -1).reshape(-1, 2)
+def _places(a: Boxes, local: tuple[Floats, ...]) -> Plan:
+    """Places in the map, of such that are given in halves of each box's sides, [k, 1]."""
+    c, s = np.cos(a.yaw_rad), np.sin(a.yaw_rad)
+    x, y = local[0] * a.size_m[:, 0] / 2, local[1] * a.size_m[:, 1] / 2
+    return c * x - s * y + a.center_m[:, 0], s * x + c * y + a.center_m[:, 1]
 
 
-def _out(b: Boxes, xy: Floats) -> Floats:
-    """[n, k] plan distance of places [n, k, 2] to each box, 0 inside."""
-    beyond = np.maximum(np.abs(_to_local(b, xy)) - b.size_m[:, None, :2] / 2, 0.0)
-    return np.asarray(np.hypot(beyond[..., 0], beyond[..., 1]))
+def _out(b: Boxes, local: Plan) -> Floats:
+    """[k, n] plan distance of places in a box's own frame to the box, 0 inside."""
+    x, y = (np.maximum(np.abs(side) - b.size_m[:, k] / 2, 0.0) for k, side in enumerate(local))
+    return np.asarray(np.hypot(x, y))
 
 
-def _apart(a: Boxes, b: Boxes) -> NDArray[np.bool_]:
-    """[n] whether an axis of b tells the footprints apart."""
-    local = _to_local(b, _places(a, _CORNERS))
-    half = b.size_m[:, :2] / 2
-    return np.asarray(((local.min(1) > half) | (local.max(1) < -half)).any(1))
+def _apart(b: Boxes, local: Plan) -> NDArray[np.bool_]:
+    """[n] whether an axis of a box tells it from another, whose corners are given in its frame."""
+    halves = b.size_m[:, 0] / 2, b.size_m[:, 1] / 2
+    x, y = ((side.min(0) > half) | (side.max(0) < -half) for side, half in zip(local, halves, strict=True))
+    return np.asarray(x | y)
 
 
 def plan_gap(a: Boxes, b: Boxes) -> Floats:
     """[n] plan distance between two boxes, 0 when they overlap. Exact: the nearest place of two apart is a corner of one."""
-    away = np.minimum(_out(b, _places(a, _CORNERS)).min(1), _out(a, _places(b, _CORNERS)).min(1))
-    return np.asarray(np.where(_apart(a, b) | _apart(b, a), away, 0.0))
+    a_in_b, b_in_a = _to_local(b, _places(a, _CORNERS)), _to_local(a, _places(b, _CORNERS))
+    away = np.minimum(_out(b, a_in_b).min(0), _out(a, b_in_a).min(0))
+    return np.asarray(np.where(_apart(b, a_in_b) | _apart(a, b_in_a), away, 0.0))
 
 
 def plan_overlap(a: Boxes, b: Boxes) -> Floats:
     """[n] share of a's footprint that lies over b's, 0..1 (b widened by 5 cm for measuring errors)."""
-    return np.asarray((_out(b, _places(a, _GRID)) <= 0.05).mean(1))
+    return np.asarray((_out(b, _to_local(b, _places(a, _GRID))) <= 0.05).mean(0))
 
 
 def _fall(value: Floats, good: float, none: float) -> Floats:
@@ -211,10 +213,11 @@ def in_corner(a: Boxes, outline_xy: Sequence[tuple[float, float]]) -> Floats:
     real = corners[convex & (np.abs(cosine) < 0.5)]
     if not len(real):
         return np.zeros(len(a))
-    return _fall(_out(a, np.broadcast_to(real, (len(a), *real.shape))).min(1), 0.5, 2.0)
+    return _fall(_out(a, _to_local(a, (real[:, :1], real[:, 1:]))).min(0), 0.5, 2.0)
 
 
 def in_middle(a: Boxes, room: Boxes) -> Floats:
     """room: the box of the room, or one per thing."""
-    off = np.abs(_to_local(room, a.center_m[:, None, :2]))[:, 0] / np.maximum(room.size_m[:, :2] / 2, 1e-6)
-    return _fall(off.max(1), 0.35, 0.85)
+    x, y = _to_local(room, (a.center_m[None, :, 0], a.center_m[None, :, 1]))
+    off = [np.abs(side[0]) / np.maximum(room.size_m[:, k] / 2, 1e-6) for k, side in enumerate((x, y))]
+    return _fall(np.maximum(*off), 0.35, 0.85)

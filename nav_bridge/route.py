@@ -17,6 +17,10 @@ from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from nav_bridge.search import search
 
+_LARGE_CELLS = 500_000  # a map with more is searched coarsely first
+_COARSE = 4  # cells in a side of a coarse one
+_BAND = 6  # coarse cells to each side of the coarse way that are searched
+
 
 @dataclass(frozen=True, slots=True)
 class RouteSettings:
@@ -113,15 +117,30 @@ def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> 
     """Cheapest 8-connected way [K, 2] of passable cells from start to goal, both included; None when there is none.
 
     A step costs its length in cells times the mean cost of its two cells; diagonal steps never cut a corner. The heuristic
-    (octile distance) never over-estimates because a cell costs at least 1: the way is optimal.
+    (octile distance) never over-estimates because a cell costs at least 1: the way is optimal. On a large map it is the cheapest
+    near a way on coarse cells, and only where there is none the cheapest of all.
     """
     if not (costs.passable[start] and costs.passable[goal]):
         return None
+    if costs.passable.size > _LARGE_CELLS:
+        near = _near_coarse_way(costs, start, goal)
+        path = None if near is None else _cheapest(near, costs.cost, start, goal)
+        if path is not None:
+            return path
+    return _cheapest(costs.passable, costs.cost, start, goal)
+
+
+def _cheapest(
+    passable: NDArray[np.bool_], cost: NDArray[np.float32], start: tuple[int, int], goal: tuple[int, int]
+) -> NDArray[np.int64] | None:
+    """``find_path`` over the cells that are passable, in the window that holds them."""
+    rows, cols = (np.flatnonzero(passable.any(axis)) for axis in (1, 0))
+    (r0, r1), (c0, c1) = ((int(ends[0]), int(ends[-1]) + 1) for ends in (rows, cols))
     # A ring of impassable cells spares the inner loop all tests for the edge.
-    width = costs.frame.width + 2
-    open_cell = np.pad(costs.passable, 1).ravel()
-    price = np.pad(costs.cost * np.float32(0.5), 1).astype(np.float64).ravel()
-    source, target = (start[0] + 1) * width + start[1] + 1, (goal[0] + 1) * width + goal[1] + 1
+    width = c1 - c0 + 2
+    open_cell = np.pad(passable[r0:r1, c0:c1], 1).ravel()
+    price = np.pad(cost[r0:r1, c0:c1] * np.float32(0.5), 1).astype(np.float64).ravel()
+    source, target = ((cell[0] - r0 + 1) * width + cell[1] - c0 + 1 for cell in (start, goal))
     came = search(open_cell, price, width, source, target)
     if source != target and came[target] < 0:
         return None
@@ -129,7 +148,33 @@ def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> 
     while chain[-1] != source:
         chain.append(int(came[chain[-1]]))
     flat = np.array(chain[::-1], np.int64)
-    return np.stack([flat // width - 1, flat % width - 1], 1)
+    return np.stack([flat // width - 1 + r0, flat % width - 1 + c0], 1)
+
+
+def _near_coarse_way(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """bool [H, W]: passable cells near the cheapest way on coarse cells; None when there is none.
+
+    A coarse cell is passable where any of its cells is, and costs their mean. No wall is lost: what is passable keeps off walls by
+    more than a coarse cell.
+    """
+    height, width = costs.passable.shape
+    coarse = (-(-width // _COARSE), -(-height // _COARSE))
+    more = (0, -height % _COARSE, 0, -width % _COARSE)
+    passable = costs.passable.astype(np.float32)
+    share, total = (
+        cv2.resize(cv2.copyMakeBorder(cells, *more, cv2.BORDER_CONSTANT), coarse, interpolation=cv2.INTER_AREA)
+        for cells in (passable, passable * costs.cost)
+    )
+    cost = np.asarray(total / np.maximum(share, 1e-6), np.float32)
+    ends = ((cell[0] // _COARSE, cell[1] // _COARSE) for cell in (start, goal))
+    way = _cheapest(share > 0, cost, *ends)
+    if way is None:
+        return None
+    band = np.zeros(share.shape, np.uint8)
+    band[way[:, 0], way[:, 1]] = 1
+    wide = np.asarray(cv2.dilate(band, np.ones((2 * _BAND + 1, 2 * _BAND + 1), np.uint8)), bool)
+    fine = np.repeat(np.repeat(wide, _COARSE, 0), _COARSE, 1)[:height, :width]
+    return fine & costs.passable
 
 
 def path_cost(costs: CostMap, path: NDArray[np.integer]) -> float:

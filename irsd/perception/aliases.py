@@ -9,6 +9,7 @@ import importlib.resources
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from irsd.core.errors import ModelError
@@ -57,6 +58,9 @@ def _insert(index: dict[str, list[str]], key: str, canonical: str, first: bool) 
         senses.insert(0 if first else len(senses), canonical)
 
 
+_REMEMBERED = 16384  # names whose senses are kept: folding costs fifty times the look-up
+
+
 class AliasTable:
     """Canonical names of things and kinds of rooms. Immutable once built."""
 
@@ -82,6 +86,10 @@ class AliasTable:
         if missing:
             raise ModelError(f"the alias table names parents without an entry: {', '.join(sorted(missing))}")
         self._kinds = {kind.name: kind for kind in kinds}
+        self._senses = lru_cache(_REMEMBERED)(self._things.find)
+        self._room_senses = lru_cache(_REMEMBERED)(self._rooms.find)
+        self._ancestors = lru_cache(_REMEMBERED)(self._find_ancestors)
+        self._bare = lru_cache(_REMEMBERED)(lambda name: keys_of(name, squeezed=False)[-1])
 
     @classmethod
     def load(cls) -> AliasTable:
@@ -100,19 +108,22 @@ class AliasTable:
 
     def canonical(self, name: str) -> str:
         """The canonical name of a thing ("the Fridges" -> "refrigerator"); an unknown name comes back folded."""
-        senses = self._things.find(name)
-        return senses[0] if senses else keys_of(name, squeezed=False)[-1]
+        senses = self._senses(name)
+        return senses[0] if senses else self._bare(name)
 
     def senses(self, name: str) -> tuple[str, ...]:
         """All things a name can stand for, the usual one first ("screen": monitor, projection screen); empty if unknown."""
-        return self._things.find(name)
+        return self._senses(name)
 
     def known(self, name: str) -> bool:
         """Whether the table knows this name of a thing."""
-        return bool(self._things.find(name))
+        return bool(self._senses(name))
 
     def ancestors(self, name: str) -> tuple[str, ...]:
         """What a thing is a kind of, nearest first. An unknown "gaming chair" is a kind of the longest known ending: chair."""
+        return self._ancestors(name)
+
+    def _find_ancestors(self, name: str) -> tuple[str, ...]:
         canonical = self.canonical(name)
         queue = list(self._parents.get(canonical, ()))
         if canonical not in self._parents:
@@ -140,12 +151,12 @@ class AliasTable:
 
     def canonical_room(self, name: str) -> str:
         """The canonical name of a kind of room ("WC" -> "toilet"); an unknown name comes back folded."""
-        senses = self._rooms.find(name)
-        return senses[0] if senses else keys_of(name, squeezed=False)[-1]
+        senses = self._room_senses(name)
+        return senses[0] if senses else self._bare(name)
 
     def known_room(self, name: str) -> bool:
         """Whether the table knows this kind of room."""
-        return bool(self._rooms.find(name))
+        return bool(self._room_senses(name))
 
     def find_room_kind(self, name: str) -> RoomKind | None:
         """What is typical of a kind of room, or None if unknown."""

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from irsd.core.grid import GridFrame
+from nav_bridge import route
 from nav_bridge.route import (
     CostMap,
     RouteSettings,
@@ -156,3 +157,26 @@ def test_a_slanting_corridor_is_one_line() -> None:
     route = plan_route(costs, (*a, 0.0), (*b, 0.0), options)
     assert route is not None
     assert len(route.waypoints) == 1 + math.ceil(math.dist(a, b) / 1.0)
+
+
+def test_a_large_map_is_searched_near_a_coarse_way_and_no_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    cells = np.zeros((403, 351), np.int8)
+    cells[::60] = cells[:, ::75] = 100
+    for row, col in rng.integers(0, 340, (60, 2)):  # doors
+        cells[row : row + 22, col : col + 22] = 0
+    cells[120:180, 75] = 100
+    costs = make_cost_map(GridFrame((0.0, 0.0), 0.05, *cells.shape), cells, RouteSettings())
+    start = snap_to_passable(costs, (5.0, 5.0), 1.0)
+    assert start is not None
+    places = np.argwhere(connected_to(costs, start))
+    for row, col in rng.choice(places, 12):
+        goal = (int(row), int(col))
+        best = find_path(costs, start, goal)
+        with monkeypatch.context() as large:
+            large.setattr(route, "_LARGE_CELLS", 0)
+            path = find_path(costs, start, goal)
+        assert best is not None
+        assert path is not None
+        assert (tuple(path[0]), tuple(path[-1])) == (start, goal)
+        assert path_cost(costs, path) <= 1.02 * path_cost(costs, best)
