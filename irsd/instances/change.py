@@ -62,7 +62,7 @@ class ChangeSettings:
     step_m: float = setting(0.25, "a camera that moved this far takes another look", lo=0.0, hi=10.0)
     turn_rad: float = setting(0.25, "so does one that turned this far", lo=0.0, hi=3.2)
     chance: float = setting(
-        0.001,
+        1e-5,
         "a thing that the camera alone judges is gone when so many misses by chance are this unlikely",
         lo=0.0,
         hi=0.5,
@@ -141,7 +141,7 @@ class _Looked:
     """One thing. probes float32 [n, 3], home: those when all of it was last confirmed; centre [3]; thick_m: least extent.
 
     LiDAR: usual, weight: share passed while it was surely there; empty, partly: looks in a row. Camera: reach_m float32 [16], how
-    far off it was detected by direction; hits, misses: pictures while it was there; looks, missed: since it was last detected.
+    far off it was detected by direction, looked up again at reach_ns; hits, misses: pictures while it was there; looks, missed: since it was last detected.
     """
 
     probes: Floats
@@ -154,6 +154,7 @@ class _Looked:
     partly: int = 0
     there: bool = False
     reach_m: Floats = field(default_factory=lambda: np.zeros(_SECTORS, np.float32))
+    reach_ns: int = _NEVER
     seen_ns: int = _NEVER
     hits: int = 0
     misses: int = 0
@@ -182,14 +183,18 @@ class _Looked:
         turn = (np.arctan2(y, x) / (2 * np.pi)) % 1.0
         return int(turn * _SECTORS) % _SECTORS, float(np.sqrt(x * x + y * y + z * z))
 
-    def detected(self, map_T_camera: Pose, stamp_ns: int) -> None:
-        sector, distance = self.sector(map_T_camera[:3, 3])
-        self.reach_m[sector] = max(float(self.reach_m[sector]), distance)
-        self.seen_ns = stamp_ns
+    def detected(self, map_T_camera: Pose, stamp_ns: int, s: ChangeSettings) -> None:
+        """A picture has a mask on it."""
         self.hits += 1
-        self.misses += self.missed
-        self.looks = self.missed = self.look_missed = 0
-        self.look_pose = None
+        self.seen_ns = stamp_ns
+        if stamp_ns >= self.reach_ns:
+            sector, distance = self.sector(map_T_camera[:3, 3])
+            self.reach_m[sector] = max(float(self.reach_m[sector]), distance)
+            self.reach_ns = stamp_ns + round(s.look_period_s * 1e9)
+        if self.looks:
+            self.misses += self.missed
+            self.looks = self.missed = self.look_missed = 0
+            self.look_pose = None
 
     def not_detected(self, map_T_camera: Pose, stamp_ns: int, s: ChangeSettings) -> None:
         """A picture shows the place without a mask on it."""
@@ -257,7 +262,7 @@ class ChangeWatch:
         for instance_id in detected:
             place = self._places.get(instance_id)
             if place is not None:
-                place.detected(map_T_camera, stamp_ns)
+                place.detected(map_T_camera, stamp_ns, self.settings)
         for instance_id in missed:
             place = self._places.get(instance_id)
             if place is not None:
