@@ -16,7 +16,8 @@ from irsd.core.errors import ModelError
 from irsd.perception.assemble import ModelOpener, ModelSettings
 from irsd.perception.models import sha256_of
 from irsd.perception.shelf import Shelf
-from irsd.perception.supply.quantise import RefusedError, adopt, float_file, make_int8, quantise
+from irsd.perception.supply import RefusedError
+from irsd.perception.supply.quantise import adopt, float_file, make_int8, quantise
 
 CLIP, OWL = "clip-vit-b32", "owlvit-b32"
 PICTURES = list(pictures().values())

@@ -23,7 +23,7 @@ from irsd.perception.assemble import ModelOpener, ModelSettings
 from irsd.perception.catalogue import Model, ModelFile, Recipe
 from irsd.perception.models import onnxruntime_version, quantisation_tools, sha256_of
 from irsd.perception.shelf import FLOAT, INT8, Record, Shelf
-from irsd.perception.supply import gate
+from irsd.perception.supply import RefusedError, gate
 from irsd.perception.supply.watch import Feeds, Watch
 
 _log = logging.getLogger(__name__)
@@ -42,10 +42,6 @@ class Outcome:
     verdict: gate.Verdict
     float_bytes: int
     int8_bytes: int
-
-
-class RefusedError(ModelError):
-    """A quantised file that departs too far from its fp32 file; it was not taken into use."""
 
 
 def quantise(
