@@ -141,7 +141,8 @@ class _Looked:
     """One thing. probes float32 [n, 3], home: those when all of it was last confirmed; centre [3]; thick_m: least extent.
 
     LiDAR: usual, weight: share passed while it was surely there; empty, partly: looks in a row. Camera: reach_m float32 [16], how
-    far off it was detected by direction, looked up again at reach_ns; hits, misses: pictures while it was there; looks, missed: since it was last detected.
+    far off it was detected by direction, looked up again at reach_ns; hits, misses: pictures while it was there; looks, missed:
+    since it was last detected.
     """
 
     probes: Floats
