@@ -73,12 +73,12 @@ def pictures() -> dict[str, NDArray[np.uint8]]:
     return {name: picture(*size, seed) for seed, (name, size) in enumerate(PICTURES.items())}
 
 
-def probe(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+def probe(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     """A megabyte of float [C, H, W] in some kilobytes: its shape, 512 of its values, the mean of each row and each column."""
     values = pixels.reshape(-1)
     chosen = values[np.linspace(0, values.size - 1, 512).astype(np.int64)]
     wide = pixels.astype(np.float64)
-    return np.concatenate([pixels.shape, chosen, wide.mean(2).ravel(), wide.mean(1).ravel()])
+    return np.concatenate([pixels.shape, chosen, wide.mean(2).ravel(), wide.mean(1).ravel()]).astype(np.float32)
 
 
 def unpacked(bits: NDArray[np.uint8], view: NDArray[np.uint8]) -> NDArray[np.bool_]:

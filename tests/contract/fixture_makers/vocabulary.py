@@ -10,7 +10,7 @@ from typing import Any
 
 import sentencepiece
 from contract_fixtures import ODD_TEXTS
-from transformers import CLIPTokenizer, CLIPTokenizerFast, SiglipTokenizer
+from transformers import BertTokenizer, BertTokenizerFast, CLIPTokenizer, CLIPTokenizerFast, SiglipTokenizer
 from transformers.convert_slow_tokenizer import T5Converter
 from transformers.models.clip.tokenization_clip import bytes_to_unicode
 
@@ -83,14 +83,30 @@ def siglip_tokenizer(folder: Path, scratch: Path) -> SiglipTokenizer:
     """SigLIP's unigram tokenizer of few pieces. Writes tokenizer.json, converted from sentencepiece as repositories have it; returns
     the slow tokenizer, which is sentencepiece itself."""
     model = scratch / "spiece"
+    # Four rules of sentencepiece's nmt_nfkc, of some thousand: those would be most of the fixture.
+    rules = scratch / "rules.tsv"
+    rules.write_text("2116\t4E 6F\n65 301\tE9\n2002\t20\n2581\t20\n")
     sentencepiece.SentencePieceTrainer.train(
         sentence_iterator=iter([text.lower() for text in CORPUS if text] * 4),
         model_prefix=str(model),
         vocab_size=220,
         hard_vocab_limit=False,
+        normalization_rule_tsv=str(rules),
         num_threads=1,
         **{"pad_id": 0, "eos_id": 1, "unk_id": 2, "bos_id": -1, "minloglevel": 2},
     )
     slow = SiglipTokenizer(f"{model}.model")
     _SiglipConverter(slow).converted().save(str(folder / "tokenizer.json"), pretty=False)
     return slow
+
+
+def bert_tokenizer(folder: Path, scratch: Path) -> BertTokenizer:
+    """BERT's uncased WordPiece, the first numbers as they are (those of [CLS], [SEP], . and ? are part of what reads them), then the
+    pieces that our texts need. Writes tokenizer.json; returns the slow tokenizer."""
+    full = BertTokenizer(str(Path(__file__).parents[3] / "irsd" / "models" / "minilm_vocab.txt"))
+    first = full.convert_ids_to_tokens(range(1064))  # up to z
+    needed = [piece for text in CORPUS for piece in full.tokenize(text)]
+    pieces = scratch / "vocab.txt"
+    pieces.write_text("\n".join(dict.fromkeys([*first, *needed])), encoding="utf-8")
+    BertTokenizerFast(str(pieces)).backend_tokenizer.save(str(folder / "tokenizer.json"), pretty=False)
+    return BertTokenizer(str(pieces))
