@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import sys
 import threading
 import time
 from typing import Any
@@ -12,6 +14,7 @@ from pymavlink.dialects.v20 import common
 
 OFFBOARD, HOLD, STABILIZED = 6 << 16, (4 << 16) | (3 << 24), 7 << 16
 STEP_S = 0.02
+LOSS_S = 0.5  # without setpoints for so long it leaves offboard for hold: PX4's COM_OF_LOSS_T
 SPEED_M_S = 2.5
 
 
@@ -33,6 +36,7 @@ class Vehicle(threading.Thread):
         self.arm_commands = 0
         self.linked = True
         self._target: tuple[float, float, float, float] | None = None
+        self._target_s = 0.0
         self._over = threading.Event()
 
     def __enter__(self) -> Vehicle:
@@ -72,9 +76,12 @@ class Vehicle(threading.Thread):
         elif kind == "SET_POSITION_TARGET_LOCAL_NED":
             self.masks.add(message.type_mask)
             self._target = (message.x, message.y, message.z, message.yaw)
+            self._target_s = time.monotonic()
             self.setpoints.append(self._target)
 
     def _move(self) -> None:
+        if self.mode == OFFBOARD and self._target is not None and time.monotonic() - self._target_s > LOSS_S:
+            self.mode, self._target = HOLD, None
         if not (self.armed and self.mode == OFFBOARD and self._target is not None):
             return
         left = SPEED_M_S * STEP_S
@@ -84,3 +91,16 @@ class Vehicle(threading.Thread):
         self.ned = [p + share * d for p, d in zip(self.ned, away, strict=True)]
         self.heading_rad = self._target[3]
         self.trail.append((self.ned[0], self.ned[1]))
+
+
+def main() -> None:
+    """An armed vehicle until killed; a line of JSON with mode and place every 50 ms."""
+    with Vehicle(int(sys.argv[1]), armed=True) as vehicle:
+        while True:
+            state = {"offboard": vehicle.mode == OFFBOARD, "hold": vehicle.mode == HOLD, "ned": vehicle.ned}
+            print(json.dumps(state), flush=True)
+            time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    main()

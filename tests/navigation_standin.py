@@ -154,7 +154,7 @@ class BridgeProcess:
 
     def __init__(self, stand_in: StandIn, endpoint: str, config: Path) -> None:
         self._stand_in = stand_in
-        self.state = config.parent / "state"
+        self.state, self.endpoint = config.parent / "state", endpoint
         self._command = [sys.executable, "-m", "nav_bridge", "--config", str(config), "--endpoint", endpoint]
         self.start()
 
