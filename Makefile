@@ -41,9 +41,10 @@ bench: install  ## print the benchmark tables (needs the recordings; see benchma
 fixtures: .venv-fixtures/.installed  ## make the contract tests' tiny models and reference results anew (torch, in its own environment)
 	cd tests/contract && OMP_NUM_THREADS=1 ../../.venv-fixtures/bin/python make_fixtures.py $(FAMILIES)
 
-.venv-fixtures/.installed: tests/contract/fixture_makers/requirements.txt
+.venv-fixtures/.installed: tests/contract/fixture_makers/requirements.txt tests/contract/fixture_makers/requirements-alone.txt
 	$(PYTHON) -m venv .venv-fixtures
 	.venv-fixtures/bin/python -m pip install --disable-pip-version-check -q -r $<
+	.venv-fixtures/bin/python -m pip install --disable-pip-version-check -q --no-deps -r $(word 2,$^)
 	@touch $@
 
 format: install  ## apply the formatter

@@ -45,6 +45,8 @@ ODD_TEXTS: tuple[str, ...] = (
     "bedside table " * 40,
 )
 
+OPEN_CLIP_TEXTS = tuple(text for text in ODD_TEXTS if "<|" not in text)  # special tokens have other names there
+
 DETECTOR_PROMPTS: tuple[str, ...] = ("chair", "bedside table", "café", "TV", "trash can")
 
 # What segmenters are asked for, in pixels of these pictures.
