@@ -82,13 +82,18 @@ def offline(
 @main.command()
 @click.argument("query")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def parse(query: str, as_json: bool) -> None:
+@_CONFIG
+def parse(query: str, as_json: bool, config: Path | None) -> None:
     """Show what QUERY is understood to say; needs neither map nor robot."""
-    from irsd.perception.encoder import LabelEncoder  # noqa: PLC0415  as above
+    from irsd.perception.encoder import AliasTable  # noqa: PLC0415  as above
     from nav_bridge.answer import parse_document  # noqa: PLC0415
-    from nav_bridge.language import parse as understand  # noqa: PLC0415
+    from nav_bridge.reader import Reader  # noqa: PLC0415
 
-    document = {"query": query, **parse_document(understand(query, LabelEncoder.load().aliases))}
+    try:
+        reader = Reader(_settings(config).reader, AliasTable.load())
+    except ConfigError as error:
+        raise click.UsageError(str(error)) from error
+    document = {"query": query, **parse_document(reader.read(query))}
     if as_json:
         click.echo(json.dumps(document, ensure_ascii=False))
     else:

@@ -114,6 +114,8 @@ def parse_document(spec: GoalSpec) -> dict[str, Any]:
         "choice": spec.choice,
         "rank": spec.rank,
         "function": spec.function,
+        "seen_from": spec.seen_from,
+        "parsed_by": spec.parsed_by,
     }
 
 

@@ -28,18 +28,17 @@ from irsd.perception.encoder import LabelEncoder
 from nav_bridge.answer import Answer, answer_document, answer_text
 from nav_bridge.config import BridgeSettings, state_file
 from nav_bridge.drive import Doubt, Drive
+from nav_bridge.faults import FaultBoard
 from nav_bridge.journal import Entry, Journal
 from nav_bridge.mirror import GraphMirror
 from nav_bridge.monitor import Driving, Failed, Outcome, Reached
 from nav_bridge.planner import Planner, World, XyYaw
+from nav_bridge.reader import Reader
 from nav_bridge.requests import Goto, Request, checked_goto, request_of
 from nav_bridge.scout import Scout
 from nav_bridge.search import warm_up
-from nav_bridge.sinks.base import Plan, Sink
-from nav_bridge.sinks.guard import Guard
-from nav_bridge.sinks.nav2 import Nav2Sink
-from nav_bridge.sinks.ros2 import RosSink
-from nav_bridge.sinks.zenoh import ZenohSink
+from nav_bridge.sinks.base import Plan
+from nav_bridge.sinks.choice import open_sinks
 from nav_bridge.source import Source
 
 _log = logging.getLogger(__name__)
@@ -58,7 +57,10 @@ class Bridge:
         self._settings = settings
         self._keys = RobotKeys(settings.robot)
         self._planner = Planner(encoder, settings)
-        self._sinks = _sinks(session, self._keys, settings)
+        self._reader = Reader(settings.reader, encoder.aliases)
+        self._board = FaultBoard(session, self._keys)
+        self._last = ""
+        self._sinks = open_sinks(session, self._keys, settings)
         self._source = Source(session, self._keys, settings.reply_timeout_s, settings.route)
         self._scout = Scout(self._source, settings.drive.review_s)
         self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
@@ -97,6 +99,8 @@ class Bridge:
 
     def step(self, now_ns: int) -> None:
         """One turn: odometry, then requests, then the clock."""
+        if (graph := self._mirror.graph) is not None:
+            self._board.show("geofence", self._planner.follow(graph))
         for sample in self._odometry.drain():
             self._hear(sample)
         for token in self._tokens.drain():
@@ -124,6 +128,7 @@ class Bridge:
             self._end("cancelled", "nav_bridge stops", None, stop=True)
         for handle in self._handles:
             handle.close()
+        self._board.close()
         self._mirror.close()
         self._scout.close()
         for sink in self._sinks:
@@ -164,6 +169,8 @@ class Bridge:
     def _ask(self, name: str, query: Query) -> None:
         """On zenoh's pool: hands the request to the loop and waits for its answer."""
         request = request_of(name, query)
+        if isinstance(text := request.document.get("query"), str):
+            request.read = self._reader.read(text)  # a language model may take long: the loop must not wait for it
         self._requests.put(request)
         if not request.done.wait(_REQUEST_TIMEOUT_S):
             raise TransportError(f"nav/{name}: nav_bridge is busy")
@@ -206,9 +213,9 @@ class Bridge:
         graph = self._mirror.graph
         if graph is None:
             raise TransportError(f"no graph on {self._keys.snapshot}: is irsd running?")
-        answer = self._planner.answer(
-            goto.query, World(graph, self._source.cost_map, self._source.points, robot, _minute()), goto.within_m
-        )
+        world = World(graph, self._source.cost_map, self._source.points, robot, _minute(), self._last)
+        answer = self._planner.answer(goto.query, world, goto.within_m, request.read)
+        self._last = answer.target.instance if answer.target is not None else self._last
         if not drives:
             return answer_document(answer, graph)
         self._goals += 1
@@ -356,18 +363,6 @@ class Bridge:
         self._state_seq += 1
         document = drive.document(self._state_seq, state, progress, text, reason)
         self._session.put(self._keys.nav("state"), json.dumps(document).encode(), express=True)
-
-
-def _sinks(session: Session, keys: RobotKeys, settings: BridgeSettings) -> tuple[Sink, ...]:
-    chosen = settings.sinks
-    sinks: list[Sink] = [ZenohSink(session, keys), RosSink(session, chosen)]
-    if chosen.action != "none":
-        sinks.append(Nav2Sink(session, chosen, Guard(chosen, settings.zenoh)))
-    if chosen.mavlink.url:
-        from nav_bridge.sinks.mavlink import MavlinkSink  # noqa: PLC0415  takes 0.2 s and 14 MB
-
-        sinks.append(MavlinkSink(chosen.mavlink))
-    return tuple(sinks)
 
 
 def _minute() -> int:

@@ -19,6 +19,7 @@ from nav_bridge.drive import DriveSettings
 from nav_bridge.evidence import EvidenceSettings
 from nav_bridge.geofence import GeofenceSettings, parse_rule
 from nav_bridge.monitor import MonitorSettings
+from nav_bridge.reader import ReaderSettings
 from nav_bridge.resolve import ResolveSettings
 from nav_bridge.route import RouteSettings
 from nav_bridge.sinks.ned import MavlinkSettings
@@ -57,6 +58,7 @@ class BridgeSettings:
     )
     reply_timeout_s: float = setting(3.0, "how long irsd may take to answer a question", lo=0.1, hi=60.0)
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    reader: ReaderSettings = field(default_factory=ReaderSettings)
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     resolve: ResolveSettings = field(default_factory=ResolveSettings)
     approach: ApproachSettings = field(default_factory=ApproachSettings)

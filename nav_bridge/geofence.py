@@ -15,9 +15,10 @@ from scipy import ndimage
 
 from irsd.core.errors import ConfigError
 from irsd.core.settings import setting
-from irsd.graph.model import GraphSnapshot, InstanceNode
+from irsd.graph.model import GraphSnapshot, InstanceNode, RoomNode
 from nav_bridge.approach import in_polygon
 from nav_bridge.evidence import MATCH, Knowledge
+from nav_bridge.judge import label_or_id
 from nav_bridge.language import noun_phrase
 from nav_bridge.route import CostMap
 from nav_bridge.words import fold
@@ -91,50 +92,96 @@ class Geofence:
         self._rules = tuple(parse_rule(text) for text in settings.rules)
         self._knowledge = knowledge
         self._body_m = body_m
+        self._last: tuple[CostMap, GraphSnapshot, tuple[Rule, ...], CostMap] | None = None
+        self._idle: tuple[GraphSnapshot, tuple[str, ...]] | None = None
 
     def __bool__(self) -> bool:
         return bool(self._rules)
 
     def apply(self, costs: CostMap, graph: GraphSnapshot, minute: int | None) -> CostMap:
         """The map with everything forbidden at this minute of the day (None: at any) as good as walled off."""
+        rules = tuple(rule for rule in self._rules if rule.holds(minute))
+        if self._last is not None and self._last[0] is costs and self._last[1] is graph and self._last[2] == rules:
+            return self._last[3]
         zone = np.zeros(costs.passable.shape, bool)
-        for rule in self._rules:
-            if rule.holds(minute):
-                zone |= self._zone(rule, costs, graph)
-        if not zone.any():
-            return costs
-        away = ndimage.distance_transform_edt(~zone, sampling=costs.frame.resolution_m).astype(np.float32)
-        return replace(costs, clear_m=np.minimum(costs.clear_m, away), passable=costs.passable & (away >= self._body_m))
+        for rule in rules:
+            zone |= self._zone(rule, costs, graph)
+        fenced = costs
+        if zone.any():
+            away = self._away(zone, costs)
+            free = costs.passable & (away >= self._body_m)
+            fenced = replace(costs, clear_m=np.minimum(costs.clear_m, away), passable=free)
+        self._last = (costs, graph, rules, fenced)
+        return fenced
+
+    def _away(self, zone: NDArray[np.bool_], costs: CostMap) -> NDArray[np.float32]:
+        """[H, W] distance of each cell to a zone that is not empty, metres."""
+        return np.asarray(ndimage.distance_transform_edt(~zone, sampling=costs.frame.resolution_m), np.float32)
 
     def broken(
         self, costs: CostMap, graph: GraphSnapshot, minute: int | None, places_xy: NDArray[np.floating]
     ) -> tuple[str, ...]:
         """The rules that places [N, 2] on a map break, in words."""
+        cells = costs.frame.cells_of(np.asarray(places_xy, np.float64)[:, :2])
+        rows, cols = cells[costs.frame.inside(cells)].T
         found = []
         for rule in self._rules:
             zone = self._zone(rule, costs, graph) if rule.holds(minute) else np.zeros((0, 0), bool)
-            if zone.any():
-                points = costs.frame.centres_of(np.argwhere(zone))
-                away = np.hypot(*(points[:, None] - np.asarray(places_xy)[None, :, :2]).transpose(2, 0, 1))
-                if away.min() < self._body_m:
-                    found.append(rule.text)
+            if zone.any() and (self._away(zone, costs)[rows, cols] < self._body_m).any():
+                found.append(rule.text)
         return tuple(found)
+
+    def idle(self, graph: GraphSnapshot) -> tuple[str, ...]:
+        """In words, the rules that name nothing this graph has: by a wrong name, or because it was not seen yet."""
+        if self._idle is None or self._idle[0] is not graph:
+            found = (
+                f"rule {rule.text!r} keeps the robot out of nothing: no {rule.name} is known here"
+                for rule in self._rules
+                if not self._rooms(rule, graph) and not self._things(rule, graph)
+            )
+            self._idle = (graph, tuple(found))
+        return self._idle[1]
+
+    def _rooms(self, rule: Rule, graph: GraphSnapshot) -> list[RoomNode]:
+        """The rooms a rule forbids."""
+        grade = self._knowledge.room_grade
+        return [
+            r for r in graph.rooms if rule.metres is None and len(r.polygon_xy) >= 3 and grade(rule.name, r) >= MATCH
+        ]
+
+    def _things(self, rule: Rule, graph: GraphSnapshot) -> list[InstanceNode]:
+        """The things a rule keeps away from."""
+        if rule.metres is None:
+            return []
+        phrase = noun_phrase(rule.name.split(), "en", self._knowledge.names)
+        index = self._knowledge.follow(graph)
+        near = (label_or_id(phrase, index, self._knowledge) >= _NAMED) & (index.exists > 0)
+        return [graph.instances[k] for k in np.flatnonzero(near)]
 
     def _zone(self, rule: Rule, costs: CostMap, graph: GraphSnapshot) -> NDArray[np.bool_]:
         """bool [H, W]: where the rule forbids any part of the robot."""
         zone = np.zeros(costs.passable.shape, bool)
-        xy = costs.frame.centres_of(np.argwhere(np.ones(zone.shape, bool)))
-        if rule.metres is None:
-            for room in graph.rooms:
-                if len(room.polygon_xy) >= 3 and self._knowledge.room_grade(rule.name, room) >= MATCH:
-                    zone |= in_polygon(xy, room.polygon_xy).reshape(zone.shape)
-            return zone
-        phrase = noun_phrase(rule.name.split(), "en", self._knowledge.names)
-        labels = self._knowledge.label_scores(phrase, self._knowledge.follow(graph))
-        for node, label in zip(graph.instances, labels, strict=True):
-            if (node.id.casefold() == rule.name or label >= _NAMED) and node.state != "gone":
-                zone |= (_to_box(xy, node) <= rule.metres).reshape(zone.shape)
+        for room in self._rooms(rule, graph):
+            x0, y0, x1, y1 = room.aabb_xy
+            part, xy = _window(costs, (x0, y0), (x1, y1))
+            zone[part] |= in_polygon(xy, room.polygon_xy).reshape(zone[part].shape)
+        for node in self._things(rule, graph):
+            reach = np.hypot(*node.obb_size_m[:2]) / 2 + float(rule.metres or 0.0)
+            centre = np.array(node.obb_center_m[:2])
+            part, xy = _window(costs, centre - reach, centre + reach)
+            zone[part] |= (_to_box(xy, node) <= float(rule.metres or 0.0)).reshape(zone[part].shape)
         return zone
+
+
+def _window(
+    costs: CostMap, low_xy: Sequence[float] | NDArray[np.float64], high_xy: Sequence[float] | NDArray[np.float64]
+) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
+    """The cells of a map between two corners, and their centres [N, 2] row after row."""
+    limit = np.array(costs.passable.shape)
+    ends = costs.frame.cells_of(np.array([low_xy, high_xy], np.float64))
+    (r0, c0), (r1, c1) = np.clip(ends[0], 0, limit), np.clip(ends[1] + 1, 0, limit)
+    rows, cols = np.mgrid[r0:r1, c0:c1]
+    return (slice(r0, r1), slice(c0, c1)), costs.frame.centres_of(np.stack([rows.ravel(), cols.ravel()], 1))
 
 
 _NAMED = 0.4  # label evidence from which a thing is kept away from; less than a goal needs: caution costs little

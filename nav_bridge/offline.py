@@ -19,6 +19,7 @@ from irsd.perception.encoder import LabelEncoder
 from nav_bridge.answer import answer_document
 from nav_bridge.config import BridgeSettings, load_map_file
 from nav_bridge.planner import Planner, World, XyYaw
+from nav_bridge.reader import Reader
 
 EXIT_CODES: Mapping[str, int] = {"resolved": 0, "ambiguous": 3, "not_found": 4, "unreachable": 5}
 
@@ -88,7 +89,11 @@ def answer_all(
 ) -> list[dict[str, Any]]:
     """The answers to (id, text) pairs, in order; encoder and map are loaded once."""
     known = load_map(folder)
-    planner = Planner(LabelEncoder.load(), settings)
+    encoder = LabelEncoder.load()
+    planner, reader = Planner(encoder, settings), Reader(settings.reader, encoder.aliases)
     costs = planner.cost_map(known.frame, known.occupancy)
     world = World(known.graph, lambda: costs, known.points_of, robot)
-    return [answer_document(planner.answer(text, world, within_m), known.graph, query_id) for query_id, text in queries]
+    return [
+        answer_document(planner.answer(text, world, within_m, reader.read(text)), known.graph, query_id)
+        for query_id, text in queries
+    ]

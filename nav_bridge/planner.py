@@ -16,7 +16,7 @@ from nav_bridge.approach import ApproachPose, Unreachable, find_approach
 from nav_bridge.config import BridgeSettings
 from nav_bridge.evidence import MATCH, Knowledge
 from nav_bridge.geofence import Geofence
-from nav_bridge.goal import GoalSpec
+from nav_bridge.goal import GoalSpec, refer
 from nav_bridge.language import parse
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution
 from nav_bridge.resolve import resolve
@@ -35,7 +35,7 @@ class World:
     """What is known when a goal is planned. map_of: gives the map, None when none is known yet; asked only when it is needed.
 
     points_of: surface points [N, 3] of an instance id, map frame. robot: pose in the map frame.
-    minute: of the day, for rules with hours; None: those hold at any time.
+    minute: of the day, for rules with hours; None: those hold at any time. last: id of the last goal's node, for "there"; "": none.
     """
 
     graph: GraphSnapshot
@@ -43,6 +43,7 @@ class World:
     points_of: PointsOf
     robot: XyYaw
     minute: int | None = None
+    last: str = ""
 
 
 class Planner:
@@ -61,16 +62,22 @@ class Planner:
         """The map as the route search needs it, from an occupancy grid [H, W] (-1, 0, 100)."""
         return make_cost_map(frame, occupancy, self._settings.route)
 
-    def resolve(self, text: str, graph: GraphSnapshot, robot_xy: tuple[float, float]) -> tuple[GoalSpec, Resolution]:
-        """What a sentence says and means, without a way to it."""
-        spec = parse(text, self._knowledge.names)
+    def follow(self, graph: GraphSnapshot) -> tuple[str, ...]:
+        """Takes in a revision of the graph before a goal has to wait for it; the geofence's rules that name nothing in it."""
+        self._knowledge.follow(graph)
+        return self._fence.idle(graph)
+
+    def resolve(self, text: str, world: World, read: GoalSpec | None = None) -> tuple[GoalSpec, Resolution]:
+        """What a sentence says and means, without a way to it. read: what it says, where somebody has read it already."""
+        spec = refer(read or parse(text, self._knowledge.names), world.last)
+        graph, robot_xy = world.graph, world.robot[:2]
         if room := wanted_room(spec, graph):
             return spec, resolve_room(room, spec, graph, self._knowledge, robot_xy)
         return spec, resolve(spec, graph, self._knowledge, robot_xy, self._settings.resolve)
 
-    def answer(self, text: str, world: World, within_m: float | None = None) -> Answer:
-        """The whole answer. within_m: replaces the setting for this goal."""
-        spec, resolution = self.resolve(text, world.graph, world.robot[:2])
+    def answer(self, text: str, world: World, within_m: float | None = None, read: GoalSpec | None = None) -> Answer:
+        """The whole answer. within_m: replaces the setting for this goal. read: what the sentence says, where it is read already."""
+        spec, resolution = self.resolve(text, world, read)
         rooms = self._rooms(spec, world.graph)
         if isinstance(resolution, Ambiguous):
             return Answer(text, "ambiguous", spec, resolution, None, None, None, resolution.question, rooms=rooms)
@@ -109,7 +116,7 @@ class Planner:
 
     def back_to(self, text: str, target_id: str, world: World, within_m: float) -> Answer:
         """A way to the instance or room that a sentence once meant; the answer to the sentence where that is no longer known."""
-        spec, resolution = self.resolve(text, world.graph, world.robot[:2])
+        spec, resolution = self.resolve(text, world)
         target = next((c for c in resolution.considered if c.instance == target_id), None)
         if target is None:
             return self.answer(text, world, within_m)

@@ -11,15 +11,17 @@ from typing import Any
 from irsd.core.errors import DecodeError
 from irsd.core.runtime import Event
 from irsd.io.session import Query
+from nav_bridge.goal import GoalSpec
 from nav_bridge.planner import XyYaw
 
 
 @dataclass(slots=True)
 class Request:
-    """A query on its way through the loop. answer or error is set before done."""
+    """A query on its way through the loop. read: what its sentence says. answer or error is set before done."""
 
     name: str
     document: Mapping[str, Any]
+    read: GoalSpec | None = None
     done: Event = field(default_factory=Event)
     answer: dict[str, Any] = field(default_factory=dict)
     error: str = ""

@@ -33,14 +33,14 @@ def _phrases(table: Mapping[str, str]) -> Mapping[str, tuple[tuple[str, ...], ..
 # What is said before the goal and means no more than "go".
 COMMANDS = _phrases(
     {
-        "en": "go | go to | go over to | drive | drive to | navigate to | move to | head to | head over to | walk to | come to | travel to | "
+        "en": "go back | go back to | drive back to | return | return to | come back to | back to | go | go to | go over to | drive | drive to | navigate to | move to | head to | head over to | walk to | come to | travel to | "
         "find | find me | look for | search for | search | locate | show me | show | get to | get | get me to | bring me to | bring me | take me to | "
         "take me | guide me to | lead me to | fetch | where is | where s | where are | where can i find | where do i find | "
         "i want to go to | i want to see | i want | i d like to go to | i would like to go to | i need to go to | i need | i m looking for | "
         "i am looking for | we need | please | robot | hey robot | can you | could you | would you | will you | can you please | could you please | "
         "approach | visit | reach | stop at | park at | park next to | stand at | stand in front of | stand next to | stand by | position yourself at | is there | "
         "are there | do we have | let s go to | now | then | ok | okay | hey | send the robot to | send it to | let the robot go to",
-        "de": "zu | zum | zur | nach | geh | gehe | geh zu | gehe zu | geh zum | gehe zum | geh zur | gehe zur | fahr | fahre | fahr zu | fahr zum | fahr zur | fahre zu | fahre zum | "
+        "de": "fahr zurück | fahr zurück zu | fahr zurück zum | fahr zurück zur | geh zurück zu | zurück zu | zurück zum | zurück zur | zu | zum | zur | nach | geh | gehe | geh zu | gehe zu | geh zum | gehe zum | geh zur | gehe zur | fahr | fahre | fahr zu | fahr zum | fahr zur | fahre zu | fahre zum | "
         "fahre zur | finde | such | suche | zeig mir | zeige mir | wo ist | wo sind | wo steht | wo hangt | bring mich zu | bring mich zum | bring mich zur | "
         "bringe mich zum | bringe mich zur | ich suche | ich brauche | bitte | navigiere zu | navigiere zum | navigiere zur",
         "fr": "va | va a | va au | va vers | aller a | aller au | allez a | allez au | trouve | trouver | cherche | ou est | ou se trouve | ou sont | "

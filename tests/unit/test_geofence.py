@@ -100,3 +100,15 @@ def test_a_bad_rule_in_the_file_is_named(tmp_path: Path) -> None:
     path.write_text("geofence: {rules: [never in kitchen, be careful]}\n")
     with pytest.raises(ConfigError, match="be careful"):
         load_settings(path)
+
+
+def test_a_rule_that_names_nothing_is_told(encoder: LabelEncoder) -> None:
+    planner = planner_of(
+        encoder, "never in the ballroom", "never in the kitchen", "not within 1 m of piano", "not within 1 m of I6"
+    )
+    told = planner.follow(house.GRAPH)
+    assert len(told) == 2
+    assert "ballroom" in told[0]
+    assert "piano" in told[1]
+    piano = house.instance(40, "piano", "R1", (2.0, 5.0, 0.0), (3.0, 5.8, 1.1))
+    assert len(planner.follow(replace(house.GRAPH, instances=(*house.THINGS, piano)))) == 1
