@@ -229,9 +229,8 @@ def _efficient_sam(kit: Kit) -> Segmenter:
 
 
 def _ram(kit: Kit) -> Tagger:
-    tags = kit.files["tags"].read_text(encoding="utf-8").split("\n")
-    thresholds = kit.files["thresholds"].read_text(encoding="utf-8").split()
-    return ram.Ram(kit.sessions["model"], [tag for tag in tags if tag], [float(value) for value in thresholds])
+    tags, thresholds = (kit.files[part].read_text(encoding="utf-8") for part in ("tags", "thresholds"))
+    return ram.Ram(kit.sessions["model"], ram.read_tags(tags), ram.read_thresholds(thresholds))
 
 
 _TAGGERS: Mapping[str, Callable[[Kit], Tagger]] = {"ram": _ram}
