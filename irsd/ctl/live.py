@@ -88,11 +88,15 @@ def _things(things: list[InstanceNode], indent: str) -> list[str]:
     for index, thing in enumerate(things):
         x, y, z = thing.centroid_m
         branch = "└──" if index == len(things) - 1 else "├──"
-        state = "" if thing.state == "present" else f"  {thing.state}"
         lines.append(
-            f"{indent}{branch} {thing.id} {thing.label}  at ({x:.1f}, {y:.1f}, {z:.1f}), seen {thing.observations}x{state}"
+            f"{indent}{branch} {thing.id} {thing.label}  at ({x:.1f}, {y:.1f}, {z:.1f}), seen {thing.observations}x{state_word(thing)}"
         )
     return lines
+
+
+def state_word(thing: InstanceNode) -> str:
+    """`` (gone)`` or `` (moved)``, nothing for what is where it was first found."""
+    return "" if thing.state == "present" else f" ({thing.state})"
 
 
 def show(target: Target, node_id: str, as_json: bool) -> int:
@@ -135,10 +139,10 @@ def watch(target: Target, as_json: bool, count: int | None) -> int:
 
 
 def delta_line(payload: bytes) -> str:
-    """``#41  ~R2 office  ~I7 television  -I9  (R4 split into R4, R9)``."""
+    """``#41  ~R2 office  ~I7 television  ~I8 chair (gone)  -I9  (R4 split into R4, R9)``."""
     delta = delta_from_json(payload)
-    nodes: list[RoomNode | InstanceNode] = [*delta.rooms, *delta.instances]
-    parts = [f"~{node.id} {node.label}" for node in nodes]
+    parts = [f"~{room.id} {room.label}" for room in delta.rooms]
+    parts += [f"~{thing.id} {thing.label}{state_word(thing)}" for thing in delta.instances]
     parts += [f"~{door.id}" for door in delta.doors] + [f"-{node_id}" for node_id in delta.removed]
     words = f"  ({'; '.join(delta.lineage)})" if delta.lineage else ""
     return f"#{delta.seq}  {'  '.join(parts)}{words}"

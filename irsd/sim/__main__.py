@@ -8,13 +8,16 @@ import logging
 import signal
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
-from irsd.core.errors import IrsdError
-from irsd.core.runtime import Ring, Stopper, monotonic_s, sleep_s, wall_clock_ns
+from irsd.core.errors import DecodeError, IrsdError, TransportError
+from irsd.core.runtime import Mailbox, Ring, Stopper, monotonic_s, sleep_s, wall_clock_ns
+from irsd.io.handles import Query
 from irsd.io.keys import RobotKeys, bridge_key
 from irsd.io.session import CDR, JSON, Publisher, Sample, Session, ZenohSettings, open_session, with_environment
 from irsd.sensors.replay import RecordingWriter
 from irsd.sim.building import truth_document
+from irsd.sim.changes import apply
 from irsd.sim.orders import Orders
 from irsd.sim.world import DETECTIONS_TOPIC, JSON_TYPE, TF_TOPIC, World, WorldMessage, WorldSettings, with_speed
 
@@ -24,6 +27,7 @@ _STEP_S = 0.02
 _STATE_PERIOD_S = 0.25
 _LOG_PERIOD_S = 10.0
 _MAX_LAG_S = 0.5
+_ANSWER_S = 2.0
 _DETECTIONS_SCHEMA = {
     "type": "object",
     "required": ["stamp_ns", "detections"],
@@ -47,6 +51,8 @@ class Robot2Zenoh:
         self._orders = Orders()
         self._waypoints: Ring[Sample] = Ring(8)
         self._subscription = session.subscribe(keys.nav("waypoints"), self._waypoints)
+        self._changes: Ring[tuple[bytes, Mailbox[dict[str, Any]]]] = Ring(8)
+        self._answering = session.queryable(keys.key("sim/change"), self._ask_for_change)
         self._state_seq = 0
         self.sent = 0
         self.bytes_sent = 0
@@ -95,9 +101,29 @@ class Robot2Zenoh:
             return []
         return latest
 
+    def make_changes(self, world: World) -> None:
+        """What was asked for at ``irs/<robot>/sim/change``, between two steps of the world."""
+        for payload, answer in self._changes.drain():
+            try:
+                answer.put(apply(world, payload))
+                _log.info("the world was changed: %s", payload.decode())
+            except DecodeError as error:
+                answer.put({"error": str(error)})
+
+    def _ask_for_change(self, query: Query) -> None:
+        """On a thread of the session: hands the question to the world's and waits for what comes of it."""
+        answer: Mailbox[dict[str, Any]] = Mailbox()
+        self._changes.put((query.payload, answer))
+        done = answer.get(_ANSWER_S)
+        if done is None:
+            raise TransportError("the world is too busy")
+        if "error" in done:
+            raise DecodeError(done["error"])
+        query.reply(query.key, json.dumps(done).encode())
+
     def close(self) -> None:
         """Ends the subscription and publishers."""
-        for handle in (self._subscription, self._state, *self._publishers.values()):
+        for handle in (self._answering, self._subscription, self._state, *self._publishers.values()):
             handle.close()
 
     def _declare(self, message: WorldMessage) -> Publisher:
@@ -127,6 +153,7 @@ def run(world: World, link: Robot2Zenoh, duration_s: float | None, stopper: Stop
         if waypoints is not None:
             _log.info("%d waypoints received" if waypoints else "stop received (%d waypoints)", len(waypoints))
             world.follow(waypoints)
+        link.make_changes(world)
         for message in world.step(_STEP_S):
             link.send(message)
         if passed_s >= next_state_s:
@@ -145,7 +172,8 @@ def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="irs-world",
         description="A furnished building with a robot in it: LiDAR, camera, odometry and detections on zenoh, as ROS 2 CDR. "
-        "The robot explores every room, then waits for waypoints on irs/<robot>/nav/waypoints.",
+        "The robot explores every room, then waits for waypoints on irs/<robot>/nav/waypoints. "
+        "Things are carried about by queries to irs/<robot>/sim/change.",
     )
     add = parser.add_argument
     add("--seed", type=int, default=1, help="which building; the same seed is the same building and noise (1)")

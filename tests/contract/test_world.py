@@ -83,6 +83,16 @@ def test_world_is_a_robot_on_zenoh(hub: Session, endpoint: str, tmp_path: Path) 
         until(state, lambda s: json.loads(s.payload)["phase"] == "driving")
         last = json.loads(until(state, lambda s: json.loads(s.payload)["phase"] == "idle").payload)
         assert last["true_pose"] == pytest.approx([0.6, 0.0, 0.5], abs=0.1)
+        key = "irs/r1/sim/change"
+        (brought,) = hub.get(key, payload=json.dumps({"bring": "box", "to": [2.2, 0.0]}).encode(), timeout_s=10.0)
+        number = json.loads(brought.payload)["id"]
+        until(rings["detections/info"], lambda s: b'"box"' in s.payload or b'"carton"' in s.payload)
+        for document in ({"move": number, "to": [2.4, 0.3]}, {"remove": number}, {"walk": [[2, 0], [3, 0]]}):
+            (done,) = hub.get(key, payload=json.dumps(document).encode(), timeout_s=10.0)
+            assert done.ok, done.payload
+        for wrong in (b"nonsense", json.dumps({"remove": number}).encode(), b'{"bring": "moon", "to": [1, 1]}'):
+            (refused,) = hub.get(key, payload=wrong, timeout_s=10.0)
+            assert not refused.ok
     finally:
         world.send_signal(signal.SIGTERM)
         _, log = world.communicate(timeout=PATIENCE_S)

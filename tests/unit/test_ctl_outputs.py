@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,9 +13,10 @@ import pytest
 
 from irsd.core.grid import GridFrame
 from irsd.ctl.draw import draw_graph, to_png, to_svg
-from irsd.ctl.live import tree_lines
+from irsd.ctl.live import delta_line, tree_lines
 from irsd.ctl.outputs import instance_cloud, instance_embeddings, write_outputs
-from irsd.graph.model import BuildingNode, DoorEdge, GraphSnapshot, InstanceArrays, InstanceNode, RoomNode
+from irsd.graph.codec import delta_to_json
+from irsd.graph.model import BuildingNode, DoorEdge, GraphDelta, GraphSnapshot, InstanceArrays, InstanceNode, RoomNode
 
 
 def instance(number: int, label: str, room: str | None) -> InstanceNode:
@@ -96,3 +98,14 @@ def test_tree_names_rooms_things_and_doors() -> None:
         < text.index("in no room")
         < text.index("I12")
     )
+
+
+def test_what_has_moved_or_gone_is_called_so() -> None:
+    nodes = [
+        replace(instance(k, "chair", "R1"), state=state) for k, state in enumerate(("present", "moved", "gone"), 1)
+    ]
+    tree = tree_lines(snapshot(tuple(nodes)))
+    ends = [line.rsplit("x", 1)[1] for line in tree if "chair" in line]
+    assert ends == ["", " (moved)", " (gone)"]
+    delta = GraphDelta(4, 0, "m", "map", (), (), tuple(nodes), ("I9",), ())
+    assert delta_line(delta_to_json(delta)) == "#4  ~I1 chair  ~I2 chair (moved)  ~I3 chair (gone)  -I9"
