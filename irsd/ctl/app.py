@@ -1,6 +1,7 @@
 """The commands of irsctl and their options. Each command imports what it needs when it runs, so that the answer is quick.
 
-Exit codes: 0 done; 1 error; 2 wrong usage; 3 ambiguous; 4 not found; 5 unreachable; 6 the drive failed or was cancelled.
+Exit codes: 0 done; 1 error; 2 wrong usage; 3 ambiguous; 4 not found; 5 unreachable; 6 the drive failed or was cancelled;
+7 refused: a model's bytes, contract or accuracy.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from pathlib import Path
 import click
 
 from irsd.ctl.link import Target
+from irsd.ctl.models import models
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 
@@ -227,6 +229,9 @@ def rooms(map_file: Path, resolution_m: float | None, out: Path, as_json: bool) 
 
 
 # ------------------------------------------------------------------------------------------------------------- others
+cli.add_command(models)
+
+
 @cli.group()
 def config() -> None:
     """Check or show the settings of irsd."""

@@ -28,16 +28,20 @@ class Call:
 
 @dataclass(slots=True)
 class Watch:
-    """The calls so far. keep: of how many calls per file the inputs are kept, in ``feeds``; stand_ins: files to run instead."""
+    """The calls so far. keep: of how many calls per file the inputs are kept, in ``feeds``; stand_ins: files to run instead.
+
+    opened: the sessions by the file that was asked for."""
 
     keep: int = 0
     stand_ins: Mapping[Path, Path] = field(default_factory=dict)
+    opened: dict[Path, Session] = field(default_factory=dict)
     calls: list[Call] = field(default_factory=list)
     feeds: dict[str, list[Feeds]] = field(default_factory=dict)
 
     def open_session(self, path: Path, **options: Any) -> Session:
         """As ``Session``, watched."""
-        return WatchedSession(self, self.stand_ins.get(path, path), **options)
+        self.opened[path] = WatchedSession(self, self.stand_ins.get(path, path), **options)
+        return self.opened[path]
 
 
 class WatchedSession(Session):
