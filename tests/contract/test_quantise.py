@@ -13,6 +13,7 @@ from contract_fixtures import FIXTURES, pictures
 from onnx import numpy_helper
 
 from irsd.core.errors import ModelError
+from irsd.ctl.models import read_pictures
 from irsd.perception.assemble import ModelOpener, ModelSettings
 from irsd.perception.models import sha256_of
 from irsd.perception.shelf import Shelf
@@ -128,3 +129,18 @@ def test_what_has_no_recipe_or_no_pictures(clip: ModelSettings, tmp_path: Path) 
         list(quantise(clip, CLIP, PICTURES, parts=["tokenizer"]))
     with pytest.raises(ModelError, match="no recipe to quantise any part"):
         list(quantise(clip, "minilm-l6-v2", PICTURES))
+
+
+def test_static_int8_of_a_real_detector(shared_data: Path, tmp_path: Path) -> None:
+    """Convolutions, calibrated on a recording: NanoDet-m finds the same things with a third of the bytes."""
+    name, frames = "nanodet-m", read_pictures(shared_data / "small_house" / "small_house_short.mcap", 8)
+    (tmp_path / name).mkdir()
+    shutil.copy(shared_data / "models" / "nanodet_m.onnx", tmp_path / name / "model.fp32.onnx")
+    settings = ModelSettings(directory=str(tmp_path))
+    (outcome,) = quantise(settings, name, frames)
+    assert outcome.int8_bytes < outcome.float_bytes / 2
+    assert outcome.verdict.measured["box_agreement"] > 0.75
+    broken, model = tmp_path / "broken.onnx", ModelOpener(settings).model(name)
+    scaled(tmp_path / name / "model.int8.onnx", broken, 1.0)
+    with pytest.raises(RefusedError, match=r"box_agreement 0\.\d+ \(floor 0\.75\)"):
+        adopt(settings, model, "model", broken, frames)
