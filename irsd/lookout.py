@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irsd.core.types import CameraView, Rooms
+from irsd.core.types import CameraView, Rooms, Structure
 from irsd.instances.lift import LiftSettings, points_in_sight
 from irsd.instances.memory import InstanceMemory
 from irsd.instances.room_prior import room_of
@@ -37,7 +37,8 @@ class Lookout:
             return
         self._selector.take(view.stamp_ns, worth, view.map_T_camera, points, room)
         index, pixel, depth_m = points_in_sight(view, points, self._settings)
-        sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index])
+        part = np.isin(structure[index], (Structure.WALL, Structure.FLOOR, Structure.CEILING))
+        sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index], part)
         self._seq += 1
         self.eyes.offer(PerceptionJob(self._seq, view, points, structure, sight, known))
 

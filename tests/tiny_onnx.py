@@ -59,7 +59,7 @@ def image_encoder(path: Path, weights: np.ndarray, side_px: int = 8) -> Path:
     )
 
 
-def slow_image_encoder(path: Path, size: int = 1500, rounds: int = 40) -> Path:
+def slow_image_encoder(path: Path, size: int = 1000, rounds: int = 60) -> Path:
     """As ``image_encoder`` with D = 3, after ``rounds`` products of size x size zeros, which change nothing and take long."""
     return write(
         path,

@@ -19,13 +19,13 @@ from irsd.core.types import Detections
 from irsd.perception.budget import FULL, Rung, Stage
 from irsd.perception.fuse_views import VIEWS, fuse, views_of
 from irsd.perception.job import PerceptionJob, Sight
-from irsd.perception.kernels import Bools, Floats, Rows, best_boxes, paint, share_with_known, softmax_rows
+from irsd.perception.kernels import Bools, Floats, Rows, best_boxes, paint, share_with_known
 from irsd.perception.roles import Detector, ImageEncoder, Masks, Segmenter, Tagger
 from irsd.perception.settings import PerceptionSettings
+from irsd.perception.tagging import ZeroShotTagger
 
 T = TypeVar("T")
 
-_SHARPNESS = 100.0  # CLIP's logit scale: cosines times this are logits
 _UNNAMED = "object"
 
 
@@ -65,9 +65,11 @@ class BoxMasks(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ModelSet:
-    """Opened models by role. cancel: ends what runs; clear: lets runs start again."""
+    """Opened models by role. names: what embeddings are called, where a text encoder shares their space. tagger: the model of that
+    role, or one by resemblance. cancel: ends what runs; clear: lets runs start again."""
 
     image_encoder: ImageEncoder
+    names: ZeroShotTagger | None
     tagger: Tagger | None
     detector: Detector | None
     segmenter: Segmenter | None
@@ -91,12 +93,9 @@ class _Found:
 class Chain:
     """Owner of the models' order and of the vocabulary's vectors. One thread."""
 
-    def __init__(
-        self, settings: PerceptionSettings, models: ModelSet, vocabulary: tuple[str, ...], names: Floats | None
-    ) -> None:
-        """vocabulary: names of things; names: float32 [n, D], their unit vectors in the image encoder's space, where there are any."""
+    def __init__(self, settings: PerceptionSettings, models: ModelSet, vocabulary: tuple[str, ...]) -> None:
+        """vocabulary: names of things, what the detector is asked for where no tags are."""
         self.settings, self.models, self.vocabulary = settings, models, vocabulary
-        self._names = np.zeros((0, self.dimension), np.float32) if names is None else names
 
     @property
     def dimension(self) -> int:
@@ -164,16 +163,12 @@ class Chain:
 
     def _prompts(self, image: NDArray[np.uint8], runner: Runner) -> tuple[str, ...]:
         """What the detector is asked for; the whole vocabulary where tags can't be had."""
-        tagger, encoder = self.models.tagger, self.models.image_encoder
-        if self.settings.prompts == "tags" and tagger is not None:
-            tags = runner.run_stage(Stage.TAG, 1, lambda: tagger.tag(image))
-            return self.vocabulary if tags is None else tags.labels
-        if self.settings.prompts == "zero_shot" and len(self._names):
-            vector = runner.run_stage(Stage.EMBED, 1, lambda: encoder.encode_images([image]))
-            if vector is not None:
-                best = np.argsort(-(self._names @ vector[0]), kind="stable")[: self.settings.zero_shot_tags]
-                return tuple(self.vocabulary[k] for k in sorted(best.tolist()))
-        return self.vocabulary
+        tagger = self.models.tagger
+        if tagger is None or self.settings.prompts == "vocabulary":
+            return self.vocabulary
+        stage = Stage.TAG if self.settings.prompts == "tags" else Stage.EMBED
+        tags = runner.run_stage(stage, 1, lambda: tagger.tag(image))
+        return self.vocabulary if tags is None else tags.labels
 
     def _solid(self, masks: Masks, labels: tuple[str, ...], scores: Floats, rung: Rung, unsure: Bools) -> _Found:
         """The masks that are large enough to be seen once all are painted; best first, at most as many as the rung allows."""
@@ -235,15 +230,12 @@ class Chain:
 
     def _named(self, label: str, score: float, embedding: Floats) -> tuple[tuple[str, float], ...]:
         """The best names with scores that sum to at most 1: the detector's word as far as it is sure, the rest by resemblance."""
-        ranked: dict[str, float] = {}
-        if label:
-            ranked[label] = score
-        if len(self._names):
-            rest = 1.0 - score if label else 1.0
-            share = softmax_rows(_SHARPNESS * (self._names @ embedding)[None])[0]
-            for k in np.argsort(-share, kind="stable")[: self.settings.top_labels].tolist():
-                name = self.vocabulary[k]
-                ranked[name] = ranked.get(name, 0.0) + rest * float(share[k])
+        ranked = {label: score} if label else {}
+        if self.models.names is not None:
+            tags = self.models.names.tags_of(embedding)
+            rest = (1.0 - score if label else 1.0) / max(float(tags.scores.sum()), 1.0)
+            for name, share in zip(tags.labels, tags.scores.tolist(), strict=True):
+                ranked[name] = ranked.get(name, 0.0) + rest * share
         if not ranked:
             return ((_UNNAMED, score),)
         best = sorted(ranked.items(), key=lambda pair: (-pair[1], pair[0]))
@@ -261,7 +253,7 @@ def _reduced(bgr: NDArray[np.uint8], side_px: int) -> tuple[NDArray[np.uint8], f
 
 def _scaled(sight: Sight, scale: float) -> Sight:
     pixel = ((sight.pixel + 0.5) * scale - 0.5).astype(np.float32) if scale < 1.0 else sight.pixel
-    return Sight(pixel, sight.depth_m, sight.of_point)
+    return Sight(pixel, sight.depth_m, sight.of_point, sight.structural)
 
 
 def _renumbered(ids_px: NDArray[np.uint16], keep: NDArray[np.int64]) -> NDArray[np.uint16]:

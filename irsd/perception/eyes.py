@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from irsd.core.errors import ModelError
 from irsd.perception import meter
 from irsd.perception.assemble import ModelOpener, ModelSettings
+from irsd.perception.box_masks import BoxMaskSettings, draw_depth, masks_of_boxes
 from irsd.perception.budget import Stage
+from irsd.perception.catalogue import find_model
 from irsd.perception.chain import Chain, ModelSet
+from irsd.perception.everything import GridPrompter
+from irsd.perception.families.prompted import PromptedSegmenter
 from irsd.perception.job import Sight
 from irsd.perception.kernels import Floats
 from irsd.perception.models import Cancel
-from irsd.perception.roles import Masks
+from irsd.perception.roles import Masks, Segmenter, Tagger, TextEncoder
 from irsd.perception.settings import INDOOR, PerceptionSettings
+from irsd.perception.tagging import CLIP_LIKENESS, SIGLIP_LIKENESS, ZeroShotTagger
 
 _log = logging.getLogger(__name__)
 
@@ -42,36 +46,53 @@ def open_eyes(settings: PerceptionSettings, where: ModelSettings) -> Opened:
     """Opens every model that the settings name. Raises ModelError with what to do."""
     before = meter.thread_ids()
     cancel = Cancel()
-    models = ModelOpener(where, cancel=cancel)
-    s = settings
-    vocabulary = s.vocabulary or INDOOR
+    opener = ModelOpener(where, cancel=cancel)
+    s, vocabulary = settings, settings.vocabulary or INDOOR
+    images = opener.image_encoder(s.image_encoder)
+    texts = _text_encoder(opener, s)
+    likeness = SIGLIP_LIKENESS if find_model(opener.catalogue, s.image_encoder)[0].family == "siglip" else CLIP_LIKENESS
+
+    def resembling(top: int, threshold: float) -> ZeroShotTagger | None:
+        if texts is None:
+            return None
+        return ZeroShotTagger(images, texts, vocabulary, likeness=likeness, top=top, threshold=threshold)
+
+    tagger: Tagger | None = opener.tagger(s.tagger) if s.tagger else None
+    segmenter = opener.segmenter(s.segmenter) if s.segmenter else None
     role_set = ModelSet(
-        image_encoder=models.image_encoder(s.image_encoder),
-        tagger=models.tagger(s.tagger) if s.tagger else None,
-        detector=models.detector(s.detector) if s.detector else None,
-        segmenter=models.segmenter(s.segmenter) if s.segmenter else None,
-        everything=None,
-        box_masks=_whole_boxes,
+        image_encoder=images,
+        names=resembling(s.top_labels, 0.0),
+        tagger=resembling(s.zero_shot_tags, 0.01) if s.prompts == "zero_shot" else tagger,
+        detector=opener.detector(s.detector) if s.detector else None,
+        segmenter=segmenter,
+        everything=None if s.detector else _everything(segmenter, s),
+        box_masks=partial(_box_masks, s.boxes),
         cancel=cancel.request,
         clear=cancel.clear,
     )
-    chain = Chain(settings, role_set, vocabulary, _vectors(models, s, vocabulary))
-    return Opened(chain, stage_costs(models, settings), meter.thread_ids() - before, models)
+    chain = Chain(settings, role_set, vocabulary)
+    return Opened(chain, stage_costs(opener, settings), meter.thread_ids() - before, opener)
 
 
-def _whole_boxes(boxes_px: Floats, sight: Sight, hw: tuple[int, int]) -> Masks:
-    """Boxes as they are: the coarsest masks there can be."""
-    masks = np.zeros((len(boxes_px), *hw), np.bool_)
-    for k, (x0, y0, x1, y1) in enumerate(np.clip(boxes_px, 0, max(hw)).astype(int).tolist()):
-        masks[k, y0:y1, x0:x1] = True
-    return Masks(masks, np.ones(len(boxes_px), np.float32))
+def _everything(segmenter: Segmenter | None, settings: PerceptionSettings) -> GridPrompter:
+    """Who makes masks without a detector. ModelError when the models can't."""
+    if not isinstance(segmenter, PromptedSegmenter):
+        raise ModelError(
+            "without perception.detector, perception.segmenter must be one that points can prompt (SAM and its kin)"
+        )
+    return GridPrompter(segmenter, settings.grid)
 
 
-def stage_costs(models: ModelOpener, settings: PerceptionSettings) -> dict[Stage, tuple[float, float]]:
+def _box_masks(settings: BoxMaskSettings, boxes_px: Floats, sight: Sight, hw: tuple[int, int]) -> Masks:
+    depth = draw_depth(sight.pixel, sight.depth_m, sight.structural, hw, settings)
+    return masks_of_boxes(boxes_px, depth, hw, settings)
+
+
+def stage_costs(opener: ModelOpener, settings: PerceptionSettings) -> dict[Stage, tuple[float, float]]:
     """(fixed, each) CPU seconds by stage, in the order of the chain, by the catalogue and the files that were opened."""
     ms: dict[tuple[str, str], float] = {}
-    for opened in models.status():
-        cost = models.catalogue[opened["model"]].costs.get(opened["part"])
+    for opened in opener.status():
+        cost = opener.catalogue[opened["model"]].costs.get(opened["part"])
         pair = (None, None) if cost is None else cost.cpu_ms
         known = pair[1] if opened["precision"] == "int8" else pair[0]
         ms[opened["model"], opened["part"]] = _UNKNOWN_MS if known is None else known
@@ -90,18 +111,15 @@ def stage_costs(models: ModelOpener, settings: PerceptionSettings) -> dict[Stage
     return out
 
 
-def _vectors(models: ModelOpener, settings: PerceptionSettings, names: tuple[str, ...]) -> Floats | None:
-    """float32 [n, D] of names in the image encoder's space; None where no text encoder shares it, which only one named must.
+def _text_encoder(opener: ModelOpener, settings: PerceptionSettings) -> TextEncoder | None:
+    """The one that is named, which must be there; else the image encoder's own, where there is one.
 
-    The encoder is not kept: names don't change, and it would hold some hundred MB.
+    It is used once and not kept: names don't change, and it holds some hundred MB.
     """
     try:
-        encoder = models.text_encoder(settings.text_encoder or settings.image_encoder)
+        return opener.text_encoder(settings.text_encoder or settings.image_encoder)
     except ModelError as error:
-        if settings.text_encoder:
+        if settings.text_encoder or settings.prompts == "zero_shot":
             raise
         _log.warning("things get names only from the detector: %s", error)
         return None
-    if encoder.name != settings.image_encoder.partition("@")[0]:
-        raise ModelError(f"{encoder.name} does not share the space of {settings.image_encoder}")
-    return encoder.encode_texts([f"a photo of a {name}" for name in names])

@@ -14,12 +14,14 @@ from irsd.core.types import CameraView, Detections, KnownThings
 class Sight:
     """The map as the picture's camera saw it: what is not hidden behind something nearer.
 
-    pixel: float32 [M, 2] (u, v); depth_m: float32 [M] along the optical axis; of_point: int32 [M], row of ``KnownThings`` or -1.
+    pixel: float32 [M, 2] (u, v); depth_m: float32 [M] along the optical axis; of_point: int32 [M], row of ``KnownThings`` or -1;
+    structural: bool [M], it is part of a wall, a floor or a ceiling.
     """
 
     pixel: NDArray[np.float32]
     depth_m: NDArray[np.float32]
     of_point: NDArray[np.int32]
+    structural: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

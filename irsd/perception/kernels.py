@@ -90,9 +90,3 @@ def unit_rows(vectors: Floats) -> Floats:
     """float32 [n, D]: each row divided by its length; a zero row stays."""
     length = np.linalg.norm(vectors.astype(np.float64), axis=1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, 1e-12), np.float32)
-
-
-def softmax_rows(logits: Floats) -> Floats:
-    """float32 [n, K]: rows that sum to 1."""
-    power = np.exp(logits.astype(np.float64) - logits.max(1, keepdims=True))
-    return np.asarray(power / power.sum(1, keepdims=True), np.float32)

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 from irsd.core.errors import ConfigError
 from irsd.core.settings import setting
+from irsd.perception.box_masks import BoxMaskSettings
+from irsd.perception.everything import GridSettings
 from irsd.perception.fuse_views import ViewSettings, check_weights
 
 _INDOOR = (
@@ -43,6 +45,8 @@ class PerceptionSettings:
     )
     top_labels: int = setting(5, "names with scores that each thing carries", lo=1, hi=100)
     views: ViewSettings = field(default_factory=ViewSettings)
+    grid: GridSettings = field(default_factory=GridSettings)
+    boxes: BoxMaskSettings = field(default_factory=BoxMaskSettings)
 
 
 def check_perception(settings: PerceptionSettings) -> None:

@@ -240,6 +240,8 @@ class LiveEyes:
         self._active.set(_Run(wall_s, cpu_s, governor.limit_s(stage, items), stage.value))
         result: T | None = None
         self._chain.models.clear()  # a run that was told to stop may have ended by itself just before
+        if self._stopper.requested:
+            self._chain.models.cancel()
         try:
             result = work()
         except RunCancelledError:
