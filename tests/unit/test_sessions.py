@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -69,3 +71,15 @@ def test_a_run_in_flight_ends_when_told_and_the_session_lives_on(session: Sessio
     assert session.run(feeds(1, 3), ("last_hidden_state",), cancel)[0].shape == (1, 3, 384)
     with pytest.raises(ModelError, match="failed"):
         session.run({"input_ids": np.zeros((1, 2), np.float32)}, ("last_hidden_state",), cancel)
+
+
+def test_quantising_without_its_package_says_what_to_install() -> None:
+    code = (
+        "import sys; sys.modules['onnx'] = None\n"
+        "from irsd.core.errors import ModelError\n"
+        "from irsd.perception.models import quantisation_tools\n"
+        "try: quantisation_tools()\n"
+        "except ModelError as error: print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "pip install 'irsd[quantise]'" in done.stdout
