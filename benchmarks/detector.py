@@ -22,12 +22,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.perception.aliases import AliasTable
 from irsd.perception.families.nanodet import NanoDet
+from irsd.perception.kernels import best_boxes
 from irsd.perception.models import Session
 from irsd.sensors.decode import decode_compressed_image, decode_detection_ids
 from irsd.sensors.replay import read_messages
@@ -157,17 +157,9 @@ def main() -> int:
     for rgb, ids_px in frames(arguments.data, arguments.every):
         started, cpu_started = time.perf_counter(), time.process_time()
         found = detector.detect(rgb, PROMPTS)
-        sizes = found.boxes_px[:, 2:] - found.boxes_px[:, :2]
-        kept = cv2.dnn.NMSBoxesBatched(
-            np.concatenate([found.boxes_px[:, :2], sizes], 1).tolist(),
-            found.scores.tolist(),
-            found.prompt.tolist(),
-            LOW_THRESHOLD,
-            NMS_IOU,
-        )
+        kept = best_boxes(found.boxes_px, found.scores, found.prompt, NMS_IOU)
         wall.append(time.perf_counter() - started)
         cpu.append(time.process_time() - cpu_started)
-        kept = np.asarray(kept, int).ravel()
         truths = truth_boxes(ids_px, names)
         for number, prompt in enumerate(PROMPTS):
             mine = kept[found.prompt[kept] == number]

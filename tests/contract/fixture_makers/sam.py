@@ -11,7 +11,7 @@ from optimum.exporters.onnx.model_configs import SamOnnxConfig
 from transformers import SamConfig, SamImageProcessor, SamModel, SamProcessor
 
 from fixture_makers.common import check_export, export, save, seeded
-from fixture_makers.tracing import shorten, trace
+from fixture_makers.tracing import trace
 
 SIDE_PX, PATCH_PX = 128, 16
 
@@ -22,7 +22,6 @@ def make(folder: Path) -> None:
     for name in ("vision_encoder", "prompt_encoder_mask_decoder"):
         options = {"task": "feature-extraction", "variant": "split", "vision_encoder": name == "vision_encoder"}
         export(model, SamOnnxConfig(model.config, **options), folder / f"{name}.onnx")
-        shorten(folder / f"{name}.onnx")
     _export_with_boxes(model, folder / "box_decoder.onnx", with_points=False)
     _export_with_boxes(model, folder / "both_decoder.onnx", with_points=True)
     arrays: dict[str, np.ndarray] = {}
