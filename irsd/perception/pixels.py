@@ -77,7 +77,7 @@ def within(height: int, width: int, shortest_px: int, longest_px: int) -> tuple[
     size = float(shortest_px)
     if long / short * size > longest_px:
         size = longest_px * short / long
-    whole = round(size)
+    whole = max(round(size), 1)
     if short == whole:
         return height, width
     longer = int(size * long / short)

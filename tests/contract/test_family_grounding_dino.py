@@ -34,6 +34,11 @@ def test_pixels_at_the_real_size(name: str) -> None:
     assert digest(ours) == str(EXPECTED[f"digest_{name}"])
 
 
+def test_sizes() -> None:
+    for height, width, *expected in EXPECTED["sizes"].tolist():
+        assert list(within(height, width, 800, 1333)) == expected, (height, width)
+
+
 def test_tokens_of_the_caption() -> None:
     np.testing.assert_array_equal(tokens().ids(". ".join(DETECTOR_PROMPTS) + "."), EXPECTED["ids"])
 

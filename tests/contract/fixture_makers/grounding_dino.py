@@ -24,6 +24,7 @@ from transformers import (
     SwinConfig,
 )
 from transformers.models.grounding_dino import modeling_grounding_dino as source
+from transformers.models.grounding_dino.image_processing_grounding_dino import get_size_with_aspect_ratio
 
 from fixture_makers.common import check_export, save, seeded, shorten
 from fixture_makers.tracing import trace
@@ -60,6 +61,9 @@ def make(folder: Path) -> None:
         arrays |= _reference(model, processor, name, view, folder / "model.onnx")
     full = {name: real(view, return_tensors="np")["pixel_values"][0] for name, view in pictures().items()}
     digests = {f"digest_{name}": np.array(digest(value)) for name, value in full.items()}
+    sides = np.random.RandomState(0).randint(20, 2000, (300, 2))
+    sized = [get_size_with_aspect_ratio((int(h), int(w)), 800, 1333) for h, w in sides]
+    arrays["sizes"] = np.concatenate([sides, sized], 1)
     save(folder, **arrays, **digests, **{f"probe_{name}": probe(value) for name, value in full.items()})
 
 

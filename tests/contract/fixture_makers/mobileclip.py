@@ -41,6 +41,12 @@ def make(folder: Path) -> None:
     pixels = processor(list(views.values()), return_tensors="pt")["pixel_values"]
     ids = tokenizer(list(OPEN_CLIP_TEXTS), context_length=CONTEXT)
     with torch.no_grad():
+        # Statistics of these pictures in the normalisations: with those they start with, all pictures look alike.
+        for module in model.image_encoder.modules():
+            if isinstance(module, torch.nn.BatchNorm2d):
+                module.momentum = 1.0
+        model.image_encoder.train()(pixels)
+        model.eval()
         image_embeds, text_embeds, scale = model(pixels, ids)
     exported = _exportable(model)
     axis = {0: "batch_size"}
