@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.errors import ModelError
 from irsd.perception.families.contract import require
 from irsd.perception.families.prompted import (
     BATCH,
@@ -44,7 +43,6 @@ class EfficientSam(PromptedSegmenter):
         self._encoder, self._decoder = encoder, decoder
         shape = next(tensor.shape for tensor in decoder.input_tensors if tensor.name == _POINTS)
         self._at_once = shape[1] if isinstance(shape[1], int) else BATCH
-        self._points = shape[2]
 
     def encode(self, image_rgb: NDArray[np.uint8]) -> Encoded:
         (features,) = self._encoder.run({_IMAGE: planes(image_rgb, UNIT_LEVELS)[None]}, (_FEATURES,))
@@ -59,8 +57,6 @@ class EfficientSam(PromptedSegmenter):
 
     def _decode(self, encoded: Encoded, points_px: Floats, labels: tuple[int, ...]) -> Candidates:
         """Of prompts [n, p, 2] with these p labels each."""
-        if isinstance(self._points, int) and self._points != len(labels):
-            raise ModelError(f"{self._decoder.path.name} takes prompts of {self._points} points, not {len(labels)}")
         size = np.array([encoded.frame.height, encoded.frame.width], np.int64)
         found = []
         for first in range(0, len(points_px), self._at_once):

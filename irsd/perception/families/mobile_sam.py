@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.errors import ModelError
 from irsd.perception.families.contract import require
 from irsd.perception.families.prompted import (
     BOX_FIRST,
@@ -47,10 +46,6 @@ class MobileSam(PromptedSegmenter):
         require(decoder, (_FEATURES, *_PROMPT), _OUTPUTS)
         self._encoder, self._decoder = encoder, decoder
         self._side_px = SIDE_PX if self._input == _BYTES else square_side(encoder, _PLANES)
-        shape = next(tensor.shape for tensor in decoder.input_tensors if tensor.name == "mask_input")
-        if not all(isinstance(side, int) for side in shape):
-            raise ModelError(f"{decoder.path.name}: mask_input has no fixed shape: {shape}")
-        self._no_mask = np.zeros([int(side or 0) for side in shape], np.float32)
 
     def encode(self, image_rgb: NDArray[np.uint8]) -> Encoded:
         frame = Frame(image_rgb.shape[0], image_rgb.shape[1], self._side_px)
@@ -68,11 +63,11 @@ class MobileSam(PromptedSegmenter):
 
     def _decode(self, encoded: Encoded, points_px: Floats, labels: tuple[int, int]) -> Candidates:
         """Of prompts [n, 2, 2] with these labels, one run each."""
-        frame = encoded.frame
+        frame, features = encoded.frame, encoded.features[_FEATURES]
         common = {
-            **encoded.features,
+            _FEATURES: features,
             "point_labels": np.array([labels], np.float32),
-            "mask_input": self._no_mask,
+            "mask_input": np.zeros((1, 1, 4 * features.shape[-2], 4 * features.shape[-1]), np.float32),
             "has_mask_input": np.zeros(1, np.float32),
             "orig_im_size": np.array([frame.height, frame.width], np.float32),
         }
