@@ -206,8 +206,7 @@ def _grounding_dino(kit: Kit) -> Detector:
     return grounding_dino.GroundingDino(
         kit.sessions["model"],
         tokens,
-        shortest_px=told["shortest_px"],
-        longest_px=told["longest_px"],
+        fixed_px=tuple(told["fixed_px"]) if "fixed_px" in told else None,
         threshold=kit.model.thresholds["score"],
     )
 
