@@ -156,7 +156,7 @@ class Session:
         if unknown:
             raise ModelError(f"unknown execution provider {', '.join(unknown)}; known are {', '.join(PROVIDERS)}")
         here = onnxruntime.get_available_providers()
-        usable = [PROVIDERS[name] for name in wanted if PROVIDERS[name][0] in here]
+        usable = [_provider(name, threads) for name in wanted if PROVIDERS[name][0] in here]
         try:
             self._session = onnxruntime.InferenceSession(str(path), _options(threads), providers=usable)
         except _ERRORS as error:
@@ -199,6 +199,12 @@ class Session:
             if cancel is not None:
                 cancel._leave(options)
         return tuple(np.asarray(value) for value in values)
+
+
+def _provider(name: str, threads: int) -> tuple[str, dict[str, str]]:
+    """A provider as onnxruntime wants it. OpenVINO has threads of its own, which onnxruntime's options don't reach."""
+    provider, options = PROVIDERS[name]
+    return provider, options | ({"num_of_threads": str(threads)} if name == "openvino" else {})
 
 
 def _options(threads: int) -> Any:
