@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -45,7 +46,7 @@ class RouteSettings:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CostMap:
     """The map as the search sees it.
 
@@ -59,6 +60,28 @@ class CostMap:
     passable: NDArray[np.bool_]
     cost: NDArray[np.float32]
     known: NDArray[np.bool_]
+
+    @cached_property
+    def regions(self) -> NDArray[np.int32]:
+        """[H, W] number of the connected region of a passable cell; cells that are not are of region 0."""
+        _, labels = cv2.connectedComponents(self.passable.astype(np.uint8), connectivity=4)
+        return np.asarray(labels, np.int32)
+
+    @cached_property
+    def coarse(self) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """(passable, cost) on coarse cells: passable where any cell is, at the mean cost of those.
+
+        No wall is lost: what is passable keeps off walls by more than a coarse cell.
+        """
+        height, width = self.passable.shape
+        size = (-(-width // _COARSE), -(-height // _COARSE))
+        more = (0, -height % _COARSE, 0, -width % _COARSE)
+        passable = self.passable.astype(np.float32)
+        share, total = (
+            cv2.resize(cv2.copyMakeBorder(cells, *more, cv2.BORDER_CONSTANT), size, interpolation=cv2.INTER_AREA)
+            for cells in (passable, passable * self.cost)
+        )
+        return np.asarray(share > 0), np.asarray(total / np.maximum(share, 1e-6), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +132,7 @@ def snap_to_passable(costs: CostMap, xy: tuple[float, float], reach_m: float) ->
 
 def connected_to(costs: CostMap, cell: tuple[int, int]) -> NDArray[np.bool_]:
     """bool [H, W]: passable cells that the robot can get to from a passable cell."""
-    _, labels = cv2.connectedComponents(costs.passable.astype(np.uint8), connectivity=4)
-    return np.asarray((labels == labels[cell]) & costs.passable)
+    return np.asarray((costs.regions == costs.regions[cell]) & costs.passable)
 
 
 def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.int64] | None:
@@ -152,25 +174,14 @@ def _cheapest(
 
 
 def _near_coarse_way(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.bool_] | None:
-    """bool [H, W]: passable cells near the cheapest way on coarse cells; None when there is none.
-
-    A coarse cell is passable where any of its cells is, and costs their mean. No wall is lost: what is passable keeps off walls by
-    more than a coarse cell.
-    """
+    """bool [H, W]: passable cells near the cheapest way on coarse cells; None when there is none."""
     height, width = costs.passable.shape
-    coarse = (-(-width // _COARSE), -(-height // _COARSE))
-    more = (0, -height % _COARSE, 0, -width % _COARSE)
-    passable = costs.passable.astype(np.float32)
-    share, total = (
-        cv2.resize(cv2.copyMakeBorder(cells, *more, cv2.BORDER_CONSTANT), coarse, interpolation=cv2.INTER_AREA)
-        for cells in (passable, passable * costs.cost)
-    )
-    cost = np.asarray(total / np.maximum(share, 1e-6), np.float32)
+    passable, cost = costs.coarse
     ends = ((cell[0] // _COARSE, cell[1] // _COARSE) for cell in (start, goal))
-    way = _cheapest(share > 0, cost, *ends)
+    way = _cheapest(passable, cost, *ends)
     if way is None:
         return None
-    band = np.zeros(share.shape, np.uint8)
+    band = np.zeros(passable.shape, np.uint8)
     band[way[:, 0], way[:, 1]] = 1
     wide = np.asarray(cv2.dilate(band, np.ones((2 * _BAND + 1, 2 * _BAND + 1), np.uint8)), bool)
     fine = np.repeat(np.repeat(wide, _COARSE, 0), _COARSE, 1)[:height, :width]

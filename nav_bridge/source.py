@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from irsd.core.errors import DecodeError
 from irsd.core.grid import GridFrame
+from irsd.core.runtime import Cell
 from irsd.graph.codec import array_from_bytes, png_to_occupancy
 from irsd.io.keys import RobotKeys
 from irsd.io.session import Reply, Session
@@ -23,13 +24,16 @@ class Source:
         self._keys = keys
         self._timeout_s = timeout_s
         self._settings = settings
+        self._last: Cell[tuple[bytes, NDArray[np.int8], CostMap] | None] = Cell(None)
 
     def cost_map(self) -> CostMap | None:
         """The occupancy as it is now, as the route search needs it; None when irsd has none, or does not answer."""
         reply = self._first(self._keys.occupancy)
         if reply is None:
             return None
-        cells = png_to_occupancy(reply.payload)
+        last = self._last.get()
+        known = last is not None and last[0] == reply.payload
+        cells = last[1] if last is not None and known else png_to_occupancy(reply.payload)
         try:
             header = json.loads(reply.attachment or b"")
             origin = (float(header["origin_xy_m"][0]), float(header["origin_xy_m"][1]))
@@ -38,7 +42,11 @@ class Source:
             raise DecodeError(
                 f"{self._keys.occupancy}: attachment without resolution and origin ({error!r})"
             ) from error
-        return make_cost_map(frame, cells, self._settings)
+        if last is not None and known and last[2].frame == frame:
+            return last[2]  # nothing new was seen: the distances on a large floor cost a tenth of a second
+        costs = make_cost_map(frame, cells, self._settings)
+        self._last.set((bytes(reply.payload), cells, costs))
+        return costs
 
     def points(self, instance: str) -> NDArray[np.floating]:
         """Surface points [N, 3] of an instance, map frame; empty when irsd has none, or does not answer."""

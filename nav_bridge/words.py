@@ -10,11 +10,13 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Mapping
+from functools import lru_cache
 from types import MappingProxyType
 
 LANGUAGES = ("en", "de", "fr", "es", "it", "ru", "zh", "ja")
 
 
+@lru_cache(16384)
 def fold(text: str) -> str:
     """Lower case, Latin and Cyrillic accents dropped, punctuation as single blanks (the alias table's own form)."""
     decomposed = unicodedata.normalize("NFKD", text.casefold())
