@@ -21,6 +21,7 @@ import statistics
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -122,15 +123,15 @@ class Truth:
             best[inside & (turn != 0)] = 0.0
         return best
 
-    def goals(self, graph: GraphSnapshot, count: int, rng: np.random.Generator) -> list[Goal]:
-        """Random goals until ``count`` of them are possible. graph: what irsd calls the rooms."""
-        goals: list[Goal] = []
+    def goals(self, graph: Callable[[], GraphSnapshot], count: int, rng: np.random.Generator) -> Iterator[Goal]:
+        """Random goals until ``count`` of them are possible. graph: says what irsd calls the rooms by now."""
         things = [thing for thing in self._building.things if not thing.structural and thing.room >= 0]
         for index in rng.permutation(len(things)):
-            if sum(goal.possible for goal in goals) == count:
-                break
-            goals.append(self._goal(things[index], graph))
-        return goals
+            goal = self._goal(things[index], graph())
+            count -= goal.possible
+            yield goal
+            if not count:
+                return
 
     def _goal(self, thing: Thing, graph: GraphSnapshot) -> Goal:
         names = {thing.label, *thing.synonyms}
@@ -275,7 +276,9 @@ def judge(loop: Loop, truth: Truth, goal: Goal, seed: int) -> Outcome:
     verdict = "wrong"
     if state["state"] == "reached" and distance <= ARRIVAL_M:
         verdict = "reached"
-    elif not goal.possible and (state["state"] == "unreachable" or "nearest place to stand" in state["reason"]):
+    elif not goal.possible and (
+        state["state"] == "unreachable" or state["reason"].startswith(("too far", "blocked: the nearest"))
+    ):
         verdict = "refused"
     target = answer.get("target") or {}
     return Outcome(
@@ -298,7 +301,7 @@ def run_building(seed: int, goals: int, encoder: LabelEncoder) -> tuple[list[Out
         explored_s = (loop.world.now_ns - loop.world.start_ns) * 1e-9
         truth = Truth(loop.world.building)
         outcomes = []
-        for goal in truth.goals(loop.graph, goals, np.random.default_rng([seed, 2026])):
+        for goal in truth.goals(lambda: loop.graph, goals, np.random.default_rng([seed, 2026])):
             outcomes.append(judge(loop, truth, goal, seed))
             show(outcomes[-1])
         robot = loop.world.robot

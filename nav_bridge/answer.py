@@ -85,6 +85,7 @@ def _approach(answer: Answer) -> dict[str, Any] | None:
     return {
         "x": pose.x_m, "y": pose.y_m, "yaw": pose.yaw_rad, "distance_to_target_m": round(pose.distance_m, 3),
         "clearance_m": round(pose.clearance_m, 3), "sees": round(pose.sees, 2),
+        "target_point": None if pose.target_m is None else list(pose.target_m), "error_m": pose.error_m,
     }  # fmt: skip
 
 

@@ -38,7 +38,7 @@ class ApproachSettings:
         hi=10.0,
     )
     margin_m: float = setting(
-        0.03, "distances within this of within_m are used only when nothing better exists", lo=0.0, hi=1.0
+        0.03, "what map and surface may be wrong by: nearer by this to within_m nothing is promised", lo=0.0, hi=1.0
     )
     comfort_m: float = setting(
         0.35, "clearance round the robot's centre that is enough: more is not better", lo=0.0, hi=5.0
@@ -65,6 +65,8 @@ class ApproachPose:
     """Where to stand. distance_m: plan distance to the target's nearest surface; clearance_m: to the next obstacle.
 
     sees: share of the target's points that no obstacle hides, 0..1. tried: places that were weighed, at least 0.2 m apart.
+    target_m: the point of the surface from which the distance is taken (x, y, z), None for a room. error_m: how much farther the
+    surface may be: half a cell's diagonal, and by how much the points before it that were taken for noise are nearer.
     """
 
     x_m: float
@@ -74,6 +76,8 @@ class ApproachPose:
     clearance_m: float
     sees: float
     tried: tuple[TriedPose, ...] = ()
+    target_m: tuple[float, float, float] | None = None
+    error_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +93,18 @@ def surface_distance(
 ) -> NDArray[np.float64]:
     """[N] plan distance of places [N, 2] to the target's points [M, 2]: the k-th nearest, so that lone noise does not count."""
     points = np.asarray(target_xy, np.float64)[:, :2]
-    k = 1
-    if outlier_points > 1:
-        # Masks bleed over the edge of a thing: of many points, two percent may float before the surface.
-        points = points[:: max(1, len(points) // _MAX_POINTS)]
-        k = max(min(outlier_points, max(1, len(points) // 6)), len(points) // 50)
+    points, k = _thinned(points, outlier_points)
     away, _ = cKDTree(points).query(np.asarray(xy, np.float64)[:, :2], k=[k])
     return np.asarray(away[:, -1], np.float64)
+
+
+def _thinned(points: NDArray[np.float64], outlier_points: int) -> tuple[NDArray[np.float64], int]:
+    """The points [N, 2+] from which a surface is measured, and how many of them must be as near as it."""
+    if outlier_points <= 1:
+        return points, 1
+    points = points[:: max(1, len(points) // _MAX_POINTS)]
+    # Masks bleed over the edge of a thing: of many points, two percent may float before the surface.
+    return points, max(min(outlier_points, max(1, len(points) // 6)), len(points) // 50)
 
 
 def find_approach(
@@ -112,8 +121,8 @@ def find_approach(
     room_xy: outline of the target's room. Poses in it are preferred: a thin wall between pose and target is then no way round
     the distance. Everything is in the map frame, metres.
     """
-    points = np.asarray(target_xy, np.float64)[:, :2]
-    points = points[:: max(1, len(points) // _MAX_POINTS)]
+    solid = np.asarray(target_xy, np.float64)
+    points = solid[:: max(1, len(solid) // _MAX_POINTS), :2]
     if not len(points):
         return Unreachable("the target has no points", None)
     start = snap_to_passable(costs, robot_xy, start_reach_m)
@@ -123,10 +132,12 @@ def find_approach(
     cells = _cells_near(costs, standing, points, settings.within_m + _LOOK_M)
     xy = costs.frame.centres_of(cells)
     away = surface_distance(points, xy, settings.outlier_points)
-    near = np.flatnonzero(away <= settings.within_m)
+    near = np.flatnonzero(away <= settings.within_m - settings.margin_m)
     if not len(near):
-        best = float(away.min())
-        return Unreachable(f"the nearest place to stand is {best:.2f} m from its surface", best)
+        best, words = float(away.min()), ""
+        if best <= settings.within_m:
+            words = f": too close to the limit of {settings.within_m:.2f} m for what is known"
+        return Unreachable(f"the nearest place to stand is {best:.2f} m from its surface{words}", best)
     cells, xy, away = cells[near], xy[near], away[near]
     clear = costs.clear_m[cells[:, 0], cells[:, 1]]
     inside = in_polygon(xy, room_xy) if len(room_xy) >= 3 else np.ones(len(xy), bool)
@@ -134,7 +145,24 @@ def find_approach(
     best, weighed = _cheapest(price, xy, Sight(costs, points))
     x, y = (round(float(v), 4) for v in xy[best])
     tried = _apart(weighed, best, price, xy, away, clear)
-    return ApproachPose(x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), weighed[best], tried)
+    surface, error_m = _surface_at(xy[best], solid, costs.frame.resolution_m, settings.outlier_points)
+    return ApproachPose(
+        x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), weighed[best], tried, surface, error_m
+    )
+
+
+def _surface_at(
+    place: NDArray[np.float64], solid: NDArray[np.float64], resolution_m: float, outlier_points: int
+) -> tuple[tuple[float, float, float] | None, float]:
+    """The point of a target's points [N, 2+] from which its distance to a place is taken, and the bound of its error."""
+    points, k = _thinned(solid, outlier_points)
+    away = np.hypot(*(points[:, :2] - place).T)
+    order = np.argsort(away, kind="stable")
+    error_m = resolution_m / math.sqrt(2.0) + float(away[order[k - 1]] - away[order[0]])
+    if points.shape[1] < 3:
+        return None, round(error_m, 3)
+    x, y, z = (round(float(v), 3) for v in points[order[k - 1], :3])
+    return (x, y, z), round(error_m, 3)
 
 
 def _cells_near(
@@ -195,9 +223,8 @@ def _price(
     """What each pose [N] is worth less: distance, tightness, wrong side of a wall. Metres, roughly."""
     best = min(settings.best_m, settings.within_m - settings.margin_m)
     distance = np.abs(away - best) * np.where(away > best, 4.0, 1.0)
-    late = np.clip(away - (settings.within_m - settings.margin_m), 0.0, None) * 20.0
     tight = np.clip(settings.comfort_m - clear, 0.0, None) * 2.0
-    return np.asarray(distance + late + tight + np.where(inside, 0.0, _HIDDEN))
+    return np.asarray(distance + tight + np.where(inside, 0.0, _HIDDEN))
 
 
 class Sight:
