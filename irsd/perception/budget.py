@@ -24,6 +24,7 @@ _MEMORY = 0.97  # share of the memory that a run may be predicted to reach
 _STALE_S = 1.0  # between samples of the account
 _OVERRUN, _OVERRUN_S = 3.0, 0.3  # a run is over-long beyond this times its prediction, and this on top
 _FORGET_S = 30.0  # in which a slow machine is believed to be fast again unless it proves to be slow
+_RIDGE = 0.005  # squared spread of n, relative to n, at which runs and belief count the same
 _FORGET = 0.9  # weight that an older run keeps when one more is counted
 
 
@@ -52,36 +53,36 @@ class BudgetSettings:
 
 # ------------------------------------------------------------------------------------------------------------ costs
 class CostModel:
-    """CPU seconds of a run on n items, fixed + each * n: least squares over past runs, of which old ones fade."""
+    """CPU seconds of a run on n items, fixed + each * n: least squares over past runs, of which old ones fade.
+
+    As long as all runs had about the same n, what belongs to the run and what to the item is as in the belief (ridge regression).
+    """
 
     def __init__(self, fixed_s: float, each_s: float) -> None:
         """What is believed before the first run."""
+        self._belief = (max(fixed_s, 1e-6), max(each_s, 0.0))
         self._sums = np.zeros(5)  # of weight, n, n^2, cost, n * cost
         self.runs = 0
         self.growth_mb = 0.0
-        for n in (0.0, 8.0):
-            self._count(n, fixed_s + each_s * n, 0.2)
 
     def add(self, items: int, cpu_s: float) -> None:
         """One run."""
-        if self.runs == 0:
-            self._sums *= 0.05  # a measurement outweighs any belief
         self.runs += 1
-        self._sums *= _FORGET
-        self._count(float(items), cpu_s, 1.0)
+        n = float(items)
+        self._sums = _FORGET * self._sums + np.array([1.0, n, n * n, cpu_s, n * cpu_s])
 
     def predict(self, items: int) -> float:
         """CPU seconds of the next run."""
-        w, n, nn, c, nc = self._sums.tolist()
-        spread = nn - n * n / w
-        each = max((nc - n * c / w) / spread, 0.0) if spread > 1e-6 * max(nn, 1e-9) else 0.0
-        fixed = (c - each * n) / w
-        if fixed < 0.0:  # through the origin
-            fixed, each = 0.0, nc / max(nn, 1e-9)
+        fixed, each = self._belief
+        weight, n, nn, cost, n_cost = self._sums.tolist()
+        if weight > 0.0:
+            n, nn, cost, n_cost = n / weight, nn / weight, cost / weight, n_cost / weight
+            scale = cost / (fixed + each * n)
+            ridge = _RIDGE * n * n
+            each = (n_cost - n * cost + ridge * scale * each) / max(nn - n * n + ridge, 1e-12)
+            each = min(max(each, 0.0), cost / max(n, 1e-9))
+            fixed = cost - each * n
         return float(fixed + each * items)
-
-    def _count(self, n: float, cost: float, weight: float) -> None:
-        self._sums += weight * np.array([1.0, n, n * n, cost, n * cost])
 
 
 # ---------------------------------------------------------------------------------------------------------- account

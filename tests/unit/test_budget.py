@@ -188,6 +188,14 @@ def test_costs_are_learnt_from_runs_whatever_was_believed(fixed: float, each: fl
     assert model.predict(10) == pytest.approx(fixed + each * 10, abs=0.02 + 0.02 * fixed)
 
 
+def test_runs_of_one_size_leave_the_shape_of_the_cost_as_believed() -> None:
+    model = CostModel(0.0, 0.04)
+    for k in range(50):
+        model.add(12, 0.72 + 0.02 * (k % 3 - 1))
+    assert model.predict(1) == pytest.approx(0.06, rel=0.1)
+    assert model.predict(24) == pytest.approx(1.44, rel=0.1)
+
+
 def test_an_account_saves_up_for_two_seconds_at_most() -> None:
     account = CpuAccount(0.5)
     for k in range(200):
