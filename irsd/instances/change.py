@@ -26,6 +26,7 @@ _BIN_RAD = np.deg2rad(1.0)
 _COLUMNS, _ROWS = 360, 180
 _PROBES = 128  # points of an instance that are asked about
 _NEVER = -(1 << 62)
+_DECIDED = 0.35  # of its points, or the look was none: what is hidden can't be missed
 _SECTORS = 16  # directions from which a thing was detected
 _PER_LOOK = 3  # pictures of one look that count: those from one place err alike
 _FRESH_NS = (
@@ -138,7 +139,8 @@ class Verdict:
 
 @dataclass(slots=True)
 class _Looked:
-    """One thing. probes float32 [n, 3], home: those when all of it was last confirmed; centre [3]; thick_m: least extent.
+    """One thing. probes float32 [n, 3], home: those when all of it was last confirmed; centre [3]; thick_m: least extent;
+    existence: share of its pictures that saw it, when it was last detected.
 
     LiDAR: usual, weight: share passed while it was surely there; empty, partly: looks in a row. Camera: reach_m float32 [16], how
     far off it was detected by direction, looked up again at reach_ns; hits, misses: pictures while it was there; looks, missed:
@@ -149,6 +151,7 @@ class _Looked:
     centre: NDArray[np.float64]
     thick_m: float
     home: Floats
+    existence: float
     usual: float = 0.0
     weight: float = 1.0
     empty: int = 0
@@ -214,7 +217,7 @@ class _Looked:
 
     def missed_for_good(self, s: ChangeSettings) -> bool:
         """Whether so many misses in a row are unlikely for a thing as reliably detected as this one."""
-        rate = min((self.hits + 0.5) / (self.hits + self.misses + 1.0), 0.9)
+        rate = min((self.hits + 1.0) / (self.hits + self.misses + 2.0), self.existence, 0.9)
         return self.looks >= s.looks and (1.0 - rate) ** self.missed <= s.chance
 
 
@@ -231,16 +234,16 @@ class ChangeWatch:
     _places: dict[int, _Looked] = field(default_factory=dict)
     _due_ns: int = _NEVER
 
-    def place(self, instance_id: int, points: Floats) -> None:
-        """An instance is here: points float32 [n, 3]."""
+    def place(self, instance_id: int, points: Floats, existence: float = 1.0) -> None:
+        """An instance is here: points float32 [n, 3]; existence: share of the pictures that should have seen it and did."""
         step = max(len(points) // _PROBES, 1)
         probes = np.ascontiguousarray(points[::step])
         centre, thick_m = probes.mean(0, np.float64), _least_extent(probes)
         old = self._places.get(instance_id)
         if old is None:
-            self._places[instance_id] = _Looked(probes, centre, thick_m, probes)
+            self._places[instance_id] = _Looked(probes, centre, thick_m, probes, existence)
         else:
-            old.probes, old.centre, old.thick_m = probes, centre, thick_m
+            old.probes, old.centre, old.thick_m, old.existence = probes, centre, thick_m, existence
 
     def expect(self, instance_id: int, points: Floats) -> None:
         """A thing known from before is supposed to be here; how it is detected is not known."""
@@ -288,7 +291,7 @@ class ChangeWatch:
             place = self._places[instance_id]
             seen = sight.of(place.probes)
             passed, decided = int((seen > 0).sum()), int((seen != 0).sum())
-            if decided >= s.min_decided:
+            if decided >= max(s.min_decided, _DECIDED * len(seen)):
                 place.passed(passed / decided, s, stamp_ns - place.seen_ns <= _FRESH_NS)
             watched = stamp_ns - place.seen_ns <= round(s.looks * s.look_period_s * 1e9)
             if (

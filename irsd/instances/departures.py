@@ -99,7 +99,7 @@ class Departures:
             del self._pushed[instance.id]
             instance.moved = True
             state = self._state_of(instance)
-        self._watch.place(instance.id, state.points_map)
+        self._watch.place(instance.id, state.points_map, state.existence)
         return state
 
     def expect(self, instance: Instance) -> None:
