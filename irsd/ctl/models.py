@@ -81,7 +81,6 @@ def list_(folder: Path | None, as_json: bool) -> int:
 @models.command("pull")
 @name_argument
 @folder_option
-@click.option("--precision", default="", help="fp32, int8 .. (default: the first of the catalogue, which is fp32).")
 @click.option("--from", "base", default="", metavar="FOLDER|URL", help="Take the files from here, by their own names.")
 @click.option(
     "--sha256", "given", multiple=True, metavar="PART=HEX", help="What a file must be that has no known sha256."
@@ -91,20 +90,22 @@ def list_(folder: Path | None, as_json: bool) -> int:
 def pull_(
     name: str,
     folder: Path | None,
-    precision: str,
     base: str,
     given: tuple[str, ...],
     trust_first_use: bool,
     as_json: bool,
 ) -> int:
-    """Fetch the files of NAME, check them, put them in their place. Goes on where it broke off."""
+    """Fetch the files of NAME (fp32, where there is that) or NAME@int8, check them, put them in their place.
+
+    Goes on where it broke off.
+    """
     from irsd.perception.shelf import Shelf
     from irsd.perception.supply.pull import pull
 
     settings = _settings(folder)
 
     def work() -> list[dict[str, Any]]:
-        model = _model(settings, name)
+        model, precision = _model(settings, name)
         model.check_licence(settings.accepted)
         out = []
         with _Bars(hidden=as_json) as bars:
@@ -308,12 +309,12 @@ class _UnknownError(ModelError):
     """No model has this name."""
 
 
-def _model(settings: ModelSettings, name: str) -> Model:
+def _model(settings: ModelSettings, name: str) -> tuple[Model, str]:
     from irsd.perception.catalogue import find_model, load_catalogue
 
     catalogue = load_catalogue(settings.folder)
     try:
-        return find_model(catalogue, name)[0]
+        return find_model(catalogue, name)
     except ModelError as error:
         raise _UnknownError(str(error)) from error
 

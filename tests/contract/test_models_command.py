@@ -144,6 +144,9 @@ def test_refusals_have_their_exit_codes(shelf: Path, stick: Path, tmp_path: Path
     code, document = answer("check", "owlvit-b32", "--dir", shelf)
     assert code == 1
     assert "irsctl models pull owlvit-b32" in document["error"]
+    code, document = answer("pull", "mobile-sam@int8", "--dir", shelf)
+    assert code == 1
+    assert "has no int8 of encoder to fetch, only fp32" in document["error"]
     usage = CliRunner().invoke(cli, ["models", "pull", CLIP, "--dir", str(shelf), "--sha256", "image=12"])
     assert usage.exit_code == 2
     empty = tmp_path / "empty"

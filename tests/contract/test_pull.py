@@ -45,6 +45,12 @@ class Handler(http.server.BaseHTTPRequestHandler):
         if self.path == "/tokenizer.json":
             self.answer(200, TOKENS, len(TOKENS))
             return
+        if self.path == "/moved/model.onnx":
+            self.send_response(302)
+            self.send_header("Location", "/model.onnx")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+            return
         wanted = self.headers.get("Range", "")
         shop.asked.append(wanted)
         if shop.error:
@@ -137,6 +143,15 @@ def test_an_interrupted_download_goes_on_where_it_broke_off(shop: Shop, tmp_path
     assert pulled(shelf, shop, progress=lambda _, done, __: steps.append(done))[0].path.read_bytes() == CONTENT
     assert shop.asked == ["", "bytes=2000000-"]
     assert steps[0] > 2_000_000
+
+
+def test_a_redirected_download_goes_on_too(shop: Shop, tmp_path: Path) -> None:
+    shelf, moved = Shelf(tmp_path), f"{shop.base}/moved"
+    shop.break_after = 2_000_000
+    with pytest.raises(UnreachableError):
+        list(pull(shelf, PINNED, base=moved, pauses_s=()))
+    assert next(pull(shelf, PINNED, base=moved, pauses_s=())).path.read_bytes() == CONTENT
+    assert shop.asked == ["", "bytes=2000000-"]
 
 
 def test_a_broken_connection_is_tried_again_by_itself(shop: Shop, tmp_path: Path) -> None:
