@@ -60,6 +60,16 @@ def test_text_embeddings(file: str) -> None:
     np.testing.assert_allclose(encoder.encode_texts(ODD_TEXTS), EXPECTED["text_embeds"], rtol=0, atol=TOLERANCE)
 
 
+def test_vectors_do_not_depend_on_company() -> None:
+    encoder = texts("text_model.onnx")
+    together = encoder.encode_texts(ODD_TEXTS)
+    alone = np.concatenate([encoder.encode_texts([text]) for text in ODD_TEXTS])
+    np.testing.assert_array_equal(together, alone)
+    crops = list(pictures().values()) * 3
+    many = images("vision_model.onnx").encode_images(crops)  # more than one batch
+    np.testing.assert_allclose(many, np.tile(EXPECTED["image_embeds"], (3, 1)), rtol=0, atol=TOLERANCE)
+
+
 def test_similarities() -> None:
     ours = images("vision_model.onnx").encode_images(list(pictures().values()))
     similarity = float(EXPECTED["logit_scale"]) * ours @ texts("text_model.onnx").encode_texts(ODD_TEXTS).T

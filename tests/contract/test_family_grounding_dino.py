@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from contract_fixtures import DETECTOR_PROMPTS, FIXTURES, TOLERANCE, digest, pictures, probe, reference
@@ -21,6 +23,7 @@ def tokens() -> Tokens:
     return Tokens.load(FOLDER / "tokenizer.json", CONTEXT)
 
 
+@cache
 def adapter(threshold: float = 0.0) -> GroundingDino:
     return GroundingDino(Session(FOLDER / "model.onnx"), tokens(), fixed_px=SIZE_PX, threshold=threshold)
 
