@@ -281,9 +281,11 @@ def _open_eyes(config: IrsdConfig) -> LiveEyes | None:
     if not config.perception.image_encoder:
         return None
     opened = open_eyes(config.perception, config.models)
-    eyes = LiveEyes(opened.chain, Governor(config.budget, opened.costs), threads=opened.threads)
+    eyes = LiveEyes(
+        opened.chain, Governor(config.budget, opened.costs), threads=opened.threads, models=opened.opener.status
+    )
     eyes.warm_up()
-    for model in opened.models.status():
+    for model in opened.opener.status():
         _log.info("%(model)s %(part)s: %(precision)s on %(providers)s %(fallback)s", model)
     return eyes
 

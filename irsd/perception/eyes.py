@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from irsd.core.errors import ModelError
 from irsd.perception import meter
@@ -35,11 +34,7 @@ class Opened:
     chain: Chain
     costs: dict[Stage, tuple[float, float]]
     threads: frozenset[int]
-    models: ModelOpener
-
-    def status(self) -> list[dict[str, Any]]:
-        """What runs, and on what."""
-        return self.models.status()
+    opener: ModelOpener
 
 
 def open_eyes(settings: PerceptionSettings, where: ModelSettings) -> Opened:

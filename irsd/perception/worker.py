@@ -85,11 +85,18 @@ class _Run:
 class LiveEyes:
     """``run`` is the body of the perception thread, ``watch`` that of the one that ends over-long runs.
 
-    threads: the kernel's numbers of the threads that the models' sessions made.
+    threads: the kernel's numbers of the threads that the models' sessions made. models: what runs on what, for the status.
     """
 
-    def __init__(self, chain: Chain, governor: Governor, *, threads: Iterable[int]) -> None:
-        self._chain, self._governor = chain, governor
+    def __init__(
+        self,
+        chain: Chain,
+        governor: Governor,
+        *,
+        threads: Iterable[int],
+        models: Callable[[], list[dict[str, Any]]] = list,
+    ) -> None:
+        self._chain, self._governor, self._models = chain, governor, models
         self._pool = frozenset(threads)
         self._stopper = Stopper()
         self._beat: Callable[[str], None] = lambda thread: None
@@ -141,7 +148,12 @@ class LiveEyes:
     # ----------------------------------------------------------------------------------------------- for any thread
     def report(self) -> dict[str, Any]:
         """For the status."""
-        return {**self._report.get(), "jobs": self._jobs.received, "jobs_replaced": self._jobs.dropped}
+        return {
+            **self._report.get(),
+            "jobs": self._jobs.received,
+            "jobs_replaced": self._jobs.dropped,
+            "models": self._models(),
+        }
 
     # -------------------------------------------------------------------------------------------------- the threads
     def warm_up(self) -> None:
