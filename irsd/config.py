@@ -27,7 +27,7 @@ from irsd.instances.memory import FusionSettings
 from irsd.io.endpoints import ZenohSettings
 from irsd.io.keys import check_robot_name
 from irsd.mapping.mapper import MappingSettings
-from irsd.perception.assemble import ModelSettings
+from irsd.perception.assemble import ModelSettings, check_models
 from irsd.perception.budget import BudgetSettings
 from irsd.perception.settings import PerceptionSettings, check_perception
 from irsd.rooms.stage import RoomSettings
@@ -134,6 +134,7 @@ def load_config(path: Path | None) -> IrsdConfig:
             lambda: check_robot_name(config.robot),
             lambda: topics_of(config.ingest),
             lambda: check_perception(config.perception),
+            lambda: check_models(config.models),
         ):
             try:
                 check()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from irsd.core.errors import ModelError
+from irsd.core.errors import ConfigError, ModelError
 from irsd.core.settings import setting
 from irsd.perception.aliases import AliasTable
 from irsd.perception.catalogue import Model, find_model, load_catalogue
@@ -24,7 +24,7 @@ from irsd.perception.families import (
     sam,
     siglip,
 )
-from irsd.perception.models import CPU, Cancel, Session
+from irsd.perception.models import CPU, PROVIDERS, Cancel, Session
 from irsd.perception.pixels import CLIP_LEVELS, HALF_LEVELS, IMAGENET_LEVELS, UNIT_LEVELS
 from irsd.perception.roles import Detector, ImageEncoder, Segmenter, Tagger, TextEncoder
 from irsd.perception.shelf import Shelf, default_directory
@@ -59,6 +59,13 @@ class ModelSettings:
     @property
     def accepted(self) -> tuple[str, ...]:
         return (self.accept_license,) if isinstance(self.accept_license, str) else self.accept_license
+
+
+def check_models(settings: ModelSettings) -> None:
+    """ConfigError for a provider that there is none of."""
+    unknown = [name for name in settings.providers if name not in PROVIDERS]
+    if unknown:
+        raise ConfigError(f"models.providers = {list(settings.providers)}: must be some of {', '.join(PROVIDERS)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -140,3 +140,11 @@ def test_where_the_map_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_rendered_file_is_plain_yaml() -> None:
     assert isinstance(yaml.safe_load(render_yaml(IrsdConfig())), dict)
+
+
+def test_models_by_licence_and_provider(tmp_path: Path) -> None:
+    models = load_config(write(tmp_path, "models: {accept_license: apple-ascl, providers: [openvino, cpu]}\n")).models
+    assert models.accepted == ("apple-ascl",)
+    assert load_config(write(tmp_path, "models: {accept_license: [a, b]}\n")).models.accepted == ("a", "b")
+    with pytest.raises(ConfigError, match=r"models.providers = \['abacus'\]: must be some of tensorrt, cuda"):
+        load_config(write(tmp_path, "models: {providers: [abacus]}\n"))
