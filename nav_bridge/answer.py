@@ -96,9 +96,10 @@ def _candidates(resolution: Resolution) -> Sequence[Candidate]:
 
 
 def _candidate(candidate: Candidate) -> dict[str, Any]:
-    """instance is None where the candidate is a room."""
+    """instance is None where the candidate is a room; answer: of several, what to say to mean this one."""
     instance = None if candidate.is_room else candidate.instance
-    return {"instance": instance, "room": candidate.room, "label": candidate.label, "score": candidate.score}
+    document = {"instance": instance, "room": candidate.room, "label": candidate.label, "score": candidate.score}
+    return document | ({"answer": candidate.answer} if candidate.answer else {})
 
 
 def parse_document(spec: GoalSpec) -> dict[str, Any]:

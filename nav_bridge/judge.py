@@ -61,6 +61,11 @@ class Cases:
     def why_out(self, k: int) -> str:
         return self.reasons[self.reason[k] - 1](k) if self.reason[k] else ""
 
+    def part(self, which: Rows) -> Cases:
+        """Some of the cases, all of them in, to be judged further without touching these."""
+        none = np.zeros(len(which), np.intp)
+        return Cases(self.index, self.rows[which], self.label[which], self.score[which], self.order[which], none)
+
     def candidate(self, k: int) -> Candidate:
         node = self.index.graph.instances[self.rows[k]]
         score = round(min(1.0, float(self.score[k])), 3)

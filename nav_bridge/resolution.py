@@ -8,7 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """A node that was considered. instance: its id, that of a room where the goal is a room; score: 0..1; rejected: why it is
-    out, "" when it is not."""
+    out, "" when it is not. answer: what to say to mean this one of several, "" where that is not asked."""
 
     instance: str
     label: str
@@ -16,6 +16,7 @@ class Candidate:
     score: float
     notes: tuple[str, ...] = ()
     rejected: str = ""
+    answer: str = ""
 
     @property
     def is_room(self) -> bool:

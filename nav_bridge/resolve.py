@@ -6,7 +6,8 @@ resolved; several that nothing tells apart are ambiguous, unless the goal leaves
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from nav_bridge import relations as rel
 from nav_bridge.evidence import Knowledge
 from nav_bridge.goal import GoalSpec
 from nav_bridge.judge import Cases, Eye, Rows, by_relation, by_rooms, named
+from nav_bridge.questions import ask
 from nav_bridge.relations import Floats
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Resolved
 
@@ -57,13 +59,58 @@ def resolve(
     sure = np.flatnonzero(cases.alive & (cases.label >= s.min_label))
     if not len(sure):
         return _none_sure(cases, what, settings)
-    ratio = max(s.rival_ratio, 0.95) if spec.function else s.rival_ratio
-    rivals = sure[cases.score[sure] >= ratio * cases.score[sure].max()]
-    rivals = _without_fragments(rivals, cases)
+    rivals = _rivals(sure, cases, spec, settings)
     others = np.ones(len(cases), bool)
     others[rivals] = False
+    means = partial(_means, sure, cases, spec, eye, knowledge, settings)
     cases.reject(others & (cases.label >= s.min_label), lambda _: "fits less well")
-    return _choose(rivals, cases, spec, eye, doubt, settings)
+    ordered = _ordered(rivals, cases, spec, eye)
+    considered = _listed(cases, settings)
+    best = tuple(cases.candidate(int(k)) for k in ordered[: settings.max_candidates])
+    if doubt:
+        asked = tuple(replace(candidate, answer=candidate.instance) for candidate in best)
+        return Ambiguous(asked, f"{doubt}; is one of these meant?", considered)
+    if spec.rank > len(ordered):
+        return NotFound(f"only {len(ordered)} of them are known, not {spec.rank}", considered)
+    if len(ordered) == 1 or _chosen(spec):
+        target = cases.candidate(int(ordered[spec.rank - 1]))
+        alternates = tuple(c for c in best if c.instance != target.instance) if spec.choice == "any" else ()
+        return Resolved(target, alternates, considered)
+    question, answers = ask(ordered[: settings.max_candidates], cases, spec, knowledge, means)
+    asked = tuple(replace(c, answer=answers[int(k)]) for c, k in zip(best, ordered, strict=False))
+    return Ambiguous(asked, question, considered)
+
+
+def _rivals(sure: Rows, cases: Cases, spec: GoalSpec, settings: ResolveSettings) -> Rows:
+    """Of the candidates that count as what was named, those that nothing rules out."""
+    ratio = max(settings.rival_ratio, 0.95) if spec.function else settings.rival_ratio
+    rivals = sure[cases.score[sure] >= ratio * cases.score[sure].max()]
+    return _without_fragments(rivals, cases)
+
+
+def _chosen(spec: GoalSpec) -> bool:
+    """Whether the goal says which of several."""
+    return bool(spec.choice) or any(r.kind in ("nearest", "farthest") for r in spec.relations)
+
+
+def _means(
+    sure: Rows, cases: Cases, spec: GoalSpec, eye: Eye, knowledge: Knowledge, settings: ResolveSettings, goal: GoalSpec
+) -> int | None:
+    """Which of the candidates a goal means that is ``spec`` with something added; None for none or several."""
+    part = cases.part(sure)
+    if goal.room != spec.room:
+        by_rooms(part, replace(goal, not_rooms=()), knowledge, settings.min_room)
+    for relation in goal.relations[len(spec.relations) :]:
+        by_relation(part, relation, knowledge, eye, settings.min_label, settings.min_relation)
+    added = goal.things[0].attributes[len(spec.things[0].attributes) :]
+    part.score = part.score * knowledge.attribute_scores(added, part.rows, part.index)
+    left = np.flatnonzero(part.alive)
+    if not len(left):
+        return None
+    ordered = _ordered(_rivals(left, part, goal, settings), part, goal, eye)
+    if goal.rank > len(ordered) or not (len(ordered) == 1 or _chosen(goal)):
+        return None
+    return int(sure[ordered[goal.rank - 1]])
 
 
 def _listed(cases: Cases, settings: ResolveSettings) -> tuple[Candidate, ...]:
@@ -109,34 +156,15 @@ def _without_fragments(rivals: Rows, cases: Cases) -> Rows:
     return np.asarray(rivals[~out[rivals]])
 
 
-def _choose(
-    rivals: Rows,
-    cases: Cases,
-    spec: GoalSpec,
-    eye: Eye,
-    doubt: str,
-    settings: ResolveSettings,
-) -> Resolution:
-    """One of the rivals if there is one, or if the goal says which; else Ambiguous."""
-    related = any(r.kind in ("nearest", "farthest") for r in spec.relations)
-    if related:
+def _ordered(rivals: Rows, cases: Cases, spec: GoalSpec, eye: Eye) -> Rows:
+    """The rivals, the first that is meant first."""
+    if any(r.kind in ("nearest", "farthest") for r in spec.relations):
         key = cases.order[rivals]
     elif spec.choice:
         key = _rank_key(spec.choice, rivals, cases, eye)
     else:
         key = -cases.score[rivals]
-    ordered = rivals[np.lexsort((cases.rows[rivals], np.round(key, 6)))]
-    considered = _listed(cases, settings)
-    best = tuple(cases.candidate(int(k)) for k in ordered[: settings.max_candidates])
-    if doubt:
-        return Ambiguous(best, f"{doubt}; is one of these meant?", considered)
-    if spec.rank > len(ordered):
-        return NotFound(f"only {len(ordered)} of them are known, not {spec.rank}", considered)
-    if len(ordered) == 1 or related or spec.choice:
-        target = cases.candidate(int(ordered[spec.rank - 1]))
-        alternates = tuple(c for c in best if c.instance != target.instance) if spec.choice == "any" else ()
-        return Resolved(target, alternates, considered)
-    return Ambiguous(best, _question(ordered, cases), considered)
+    return np.asarray(rivals[np.lexsort((cases.rows[rivals], np.round(key, 6)))])
 
 
 def _rank_key(choice: str, rivals: Rows, cases: Cases, eye: Eye) -> Floats:
@@ -158,12 +186,3 @@ def _rank_key(choice: str, rivals: Rows, cases: Cases, eye: Eye) -> Floats:
     }
     chosen = keys.get(choice)
     return away if chosen is None else chosen
-
-
-def _question(ordered: Rows, cases: Cases) -> str:
-    """What would tell the candidates apart: their rooms, or else which one."""
-    nodes = cases.index.graph.instances
-    rooms = list(dict.fromkeys(nodes[cases.rows[k]].room or "no room" for k in ordered))
-    if len(rooms) > 1:
-        return f"{len(ordered)} fit, in {', '.join(rooms)}: which room?"
-    return f"{len(ordered)} fit: which one, or any?"

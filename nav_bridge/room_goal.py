@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -48,6 +49,7 @@ def resolve_room(
     if len(ordered) == 1 or spec.choice:
         at = spec.rank - 1
         return Resolved(frozen[at], frozen[:at] + frozen[at + 1 :] if spec.choice == "any" else (), considered)
+    frozen = tuple(replace(candidate, answer=candidate.instance) for candidate in frozen)
     return Ambiguous(frozen, f"{len(ordered)} rooms fit: {', '.join(r.id for r in ordered)}. Which one?", considered)
 
 

@@ -59,6 +59,8 @@ def why_lines(answer: dict[str, Any]) -> list[str]:
     considered = because.get("considered", [])
     lines.append(f"candidates  {len(considered)}" if considered else "candidates  none")
     lines += [_candidate_line(c) for c in considered[:_MAX_CANDIDATES]]
+    asked = [c for c in answer.get("candidates", []) if isinstance(c, dict) and c.get("answer")]
+    lines += [f'say "{c["answer"]}" for {c.get("instance") or c.get("room")}' for c in asked[:_MAX_CANDIDATES]]
     tried = because.get("poses_tried", [])
     if tried:
         lines.append("places to stand, best first (m)")
