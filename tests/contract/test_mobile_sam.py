@@ -45,7 +45,10 @@ def test_masks_are_those_of_the_package(encoder: Session, decoder: Session, name
     encoded = segmenter.encode(view)
     (points,) = segmenter.prompt_points(encoded, np.array(POINTS[name], np.float32))
     best = points.logits[np.arange(len(points.ious)), points.ious.argmax(1)]
-    np.testing.assert_allclose(points.ious.max(1), wanted[f"point_{name}_ious"].max(1), atol=TOLERANCE)
+    theirs = wanted[f"point_{name}_ious"]
+    np.testing.assert_allclose(points.ious.max(1), theirs.max(1), atol=TOLERANCE)
+    if "multi" in decoder.path.name:  # of four masks the first is not for prompts as ours
+        np.testing.assert_allclose(points.ious, theirs, atol=TOLERANCE)
     assert mask_agreement(encoded.frame.enlarge(best), unpacked(wanted[f"point_{name}_masks"], view)) > 0.9999
 
 

@@ -43,6 +43,12 @@ def test_pixels_are_those_of_the_processor(name: str) -> None:
     assert digest(pixels) == wanted[f"digest_{name}"]
 
 
+def test_sizes_are_rounded_as_by_the_processor() -> None:
+    assert Frame(90, 4, 1024).resized == (1024, 46)  # 45.51
+    assert Frame(4, 90, 1024).resized == (46, 1024)
+    assert Frame(1, 5000, 1024).resized == (1, 1024)  # never nothing
+
+
 @pytest.mark.parametrize("name", BOXES)
 @pytest.mark.parametrize("kind", DECODERS)
 def test_boxes_give_the_masks_of_transformers(encoder: Session, kind: str, name: str) -> None:
