@@ -26,11 +26,11 @@ HEAD = ("model", "part", "file", "MB", "CPU ms", "wall ms", "RSS MB", "peak MB",
 
 
 def precisions_here(opener: ModelOpener, model: Model) -> list[str]:
-    """fp32 and int8 as far as all networks of the model are there in them."""
+    """fp32 and int8 as far as all networks that come in them are there."""
     out = []
     for precision in (FLOAT, INT8):
         parts = [[f for f in opener.shelf.files_of(model, p) if f.precision == precision] for p in model.contracts]
-        if all(files and opener.shelf.present(model, files[0]) for files in parts):
+        if any(parts) and all(opener.shelf.present(model, files[0]) for files in parts if files):
             out.append(precision)
     return out
 
@@ -49,7 +49,9 @@ def rows_of(settings: ModelSettings, opener: ModelOpener, name: str, role: str, 
     for part in dict.fromkeys(cost.part for report in reports.values() for cost in report.costs):
         for (precision, count), report in reports.items():
             (cost,) = (c for c in report.costs if c.part == part)
-            file = next(f for f in opener.shelf.files_of(model, part) if f.precision == precision)
+            if report.precisions[part] != precision:
+                continue  # the other parts are int8, this one has none
+            file = opener.shelf.choose(model, part, precision)
             record = opener.shelf.record(model, file)
             judged = record.judged if record else {}
             agreement = ", ".join(f"{key} {value:.3f}" for key, value in judged.items() if key != "pictures")

@@ -121,6 +121,9 @@ class ModelOpener:
         """The model's files, checked, and its networks, opened."""
         model, precision = find_model(self.catalogue, name)
         model.check_licence(self._settings.accepted)
+        known = {file.precision for part in model.parts for file in self.shelf.files_of(model, part)} - {""}
+        if precision and precision not in known:
+            raise ModelError(f"{model.name} has no {precision}, only {', '.join(sorted(known))}")
         sessions, files = {}, {}
         for part in model.parts:
             if part in leave_out:

@@ -118,14 +118,13 @@ class Shelf:
         return path
 
     def choose(self, model: Model, part: str, precision: str = "") -> ModelFile:
-        """The file of a part to run: the precision asked for, else an int8 that was judged here, else the catalogue's first that
-        is there. ModelError when there is none."""
-        files = self.files_of(model, part)
-        if precision and files[0].precision:
-            files = tuple(file for file in files if file.precision == precision)
-            if not files:
-                raise ModelError(f"{model.name} has no {precision} of {part}")
-            return files[0]
+        """The file of a part to run: the precision asked for where the part has that, else an int8 that was judged here, else the
+        catalogue's first that is there. ModelError when there is none."""
+        offered = self.files_of(model, part)
+        asked = tuple(file for file in offered if file.precision == precision)
+        if precision and asked:
+            return asked[0]
+        files = offered
         here = [file for file in files if self.present(model, file)]
         for file in here:
             record = self.record(model, file)
