@@ -254,7 +254,7 @@ class _Bars:
     """One progress bar at a time, on stderr."""
 
     def __init__(self, hidden: bool) -> None:
-        self._hidden = hidden
+        self._hidden = hidden or not sys.stderr.isatty()
         self._bar: Any = None
         self._file = ""
 

@@ -119,11 +119,8 @@ class ModelOpener:
 
     def kit(self, name: str, leave_out: tuple[str, ...] = ()) -> Kit:
         """The model's files, checked, and its networks, opened."""
-        model, precision = find_model(self.catalogue, name)
+        model, precision = self.model(name), self.precision_of(name)
         model.check_licence(self._settings.accepted)
-        known = {file.precision for part in model.parts for file in self.shelf.files_of(model, part)} - {""}
-        if precision and precision not in known:
-            raise ModelError(f"{model.name} has no {precision}, only {', '.join(sorted(known))}")
         sessions, files = {}, {}
         for part in model.parts:
             if part in leave_out:
@@ -152,6 +149,14 @@ class ModelOpener:
     def model(self, name: str) -> Model:
         """What the catalogue knows of ``NAME`` or ``NAME@PRECISION``."""
         return find_model(self.catalogue, name)[0]
+
+    def precision_of(self, name: str) -> str:
+        """The precision that ``NAME@PRECISION`` insists on, else empty. ModelError when no part of the model has it."""
+        model, precision = find_model(self.catalogue, name)
+        known = {file.precision for part in model.parts for file in self.shelf.files_of(model, part)} - {""}
+        if precision and precision not in known:
+            raise ModelError(f"{model.name} has no {precision}, only {', '.join(sorted(known))}")
+        return precision
 
     def _make(
         self,

@@ -106,7 +106,9 @@ class Shelf:
         path = self.path(model, file)
         if file.url.startswith(PACKAGE):
             return path
-        advice = f"irsctl models pull {model.name}, or put it there by hand"
+        record = self.record(model, file)
+        again = "quantise" if record is not None and record.judged else "pull"
+        advice = f"irsctl models {again} {model.name}"
         pin = self.pin(model, file)
         if pin is None and path.is_file():
             raise ModelError(

@@ -147,6 +147,9 @@ def test_refusals_have_their_exit_codes(shelf: Path, stick: Path, tmp_path: Path
     code, document = answer("pull", "mobile-sam@int8", "--dir", shelf)
     assert code == 1
     assert "has no int8 of encoder to fetch, only fp32" in document["error"]
+    assert answer("check", f"{CLIP}@int4", "--dir", shelf)[1]["error"] == f"{CLIP} has no int4, only fp32, int8"
+    code, document = answer("check", "minilm-l6-v2", "--dir", shelf)
+    assert (code, document["reports"][0]["precisions"]) == (0, {"text": "int8"})
     usage = CliRunner().invoke(cli, ["models", "pull", CLIP, "--dir", str(shelf), "--sha256", "image=12"])
     assert usage.exit_code == 2
     empty = tmp_path / "empty"

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from irsd.core.errors import ModelError
 from irsd.perception.assemble import ModelOpener, ModelSettings
-from irsd.perception.catalogue import PartContract, TensorContract, find_model
+from irsd.perception.catalogue import PartContract, TensorContract
 from irsd.perception.models import Session, Tensor
 from irsd.perception.supply import gate
 from irsd.perception.supply.watch import Call, Watch
@@ -153,8 +154,9 @@ def measure(settings: ModelSettings, name: str, role: str = "") -> dict[str, Any
     watch = Watch()
     opener = ModelOpener(settings, open_session=watch.open_session)
     model = opener.model(name)
-    for part in model.parts:
-        opener.shelf.verified(model, opener.shelf.choose(model, part, find_model(opener.catalogue, name)[1]))
+    precision = opener.precision_of(name)
+    files = [opener.shelf.choose(model, part, precision) for part in model.parts]
+    part_of = {opener.shelf.verified(model, file): file.part for file in files}
     problems: list[str] = []
     began_s = time.perf_counter()
     try:
@@ -172,12 +174,11 @@ def measure(settings: ModelSettings, name: str, role: str = "") -> dict[str, Any
             ask()
             runs += 1
         rss_mb = max(rss_mb, process.memory_info().rss / 1e6)
-        costs += _costs(watch.calls[first:], runs)
+        costs += _costs(watch.calls[first:], runs, part_of)
     for path, session in watch.opened.items():
-        part = path.name.split(".")[0]
-        contract = model.contracts[part]
+        part, contract = part_of[path], model.contracts[part_of[path]]
         problems += declared_problems(part, contract, session)
-        problems += observed_problems(part, contract, [c for c in watch.calls if c.file == session.path.name])
+        problems += observed_problems(part, contract, [call for call in watch.calls if call.path == path])
     return {
         "name": name,
         "threads": settings.threads,
@@ -190,13 +191,13 @@ def measure(settings: ModelSettings, name: str, role: str = "") -> dict[str, Any
     }
 
 
-def _costs(calls: Sequence[Call], runs: int) -> list[dict[str, Any]]:
+def _costs(calls: Sequence[Call], runs: int, part_of: Mapping[Path, str]) -> list[dict[str, Any]]:
     out = []
-    for file in dict.fromkeys(call.file for call in calls):
-        own = [call for call in calls if call.file == file]
+    for path in dict.fromkeys(call.path for call in calls):
+        own = [call for call in calls if call.path == path]
         wall_ms, cpu_ms = (statistics.median(getattr(c, key) for c in own) for key in ("wall_ms", "cpu_ms"))
-        part = file.split(".")[0]
-        out.append({"part": part, "calls": len(own) // runs, "wall_ms": round(wall_ms, 2), "cpu_ms": round(cpu_ms, 2)})
+        cost = {"part": part_of[path], "calls": len(own) // runs}
+        out.append(cost | {"wall_ms": round(wall_ms, 2), "cpu_ms": round(cpu_ms, 2)})
     return out
 
 

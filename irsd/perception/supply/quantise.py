@@ -64,7 +64,7 @@ def quantise(
     if unknown or not chosen:
         raise ModelError(
             f"{model.name}: no recipe to quantise {', '.join(unknown) or 'any part'}; there is one for "
-            f"{', '.join(model.recipes) or 'none'}"
+            f"{', '.join(model.recipes) or 'no part'}"
         )
     say("running the fp32 model on the pictures")
     watch = Watch(keep=_CALIBRATION_CALLS)

@@ -20,7 +20,7 @@ Feeds = Mapping[str, NDArray[Any]]
 class Call:
     """One run of one network. shapes: of all inputs and outputs that went through, by name, with their dtype."""
 
-    file: str
+    path: Path
     shapes: Mapping[str, tuple[str, tuple[int, ...]]]
     wall_ms: float
     cpu_ms: float
@@ -57,7 +57,7 @@ class WatchedSession(Session):
         wall_ms, cpu_ms = (time.perf_counter() - wall_s) * 1e3, (time.process_time() - cpu_s) * 1e3
         named = {**feeds, **dict(zip(outputs, values, strict=True))}
         shapes = {name: (str(value.dtype), tuple(value.shape)) for name, value in named.items()}
-        self._watch.calls.append(Call(self.path.name, shapes, wall_ms, cpu_ms))
+        self._watch.calls.append(Call(self.path, shapes, wall_ms, cpu_ms))
         kept = self._watch.feeds.setdefault(self.path.name, [])
         if len(kept) < self._watch.keep:
             kept.append({name: np.array(value) for name, value in feeds.items()})
