@@ -75,10 +75,12 @@ class Recipe:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of one call on one thread and of a process that holds this part, as (fp32, int8); None where it was not measured."""
+    """As (fp32, int8), None where it was not measured: cpu_ms of one call on one thread; of a process over one without the part,
+    rss_mb that stay between the calls and peak_mb during one."""
 
     cpu_ms: tuple[float | None, float | None]
     rss_mb: tuple[float | None, float | None]
+    peak_mb: tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,9 +304,9 @@ class _Reader:
 
     def cost(self, where: str, value: Any) -> Cost:
         entry = self.section(where, value)
-        self.known(where, entry, ("cpu_ms", "rss_mb"))
-        cpu_ms, rss_mb = (self.pair(f"{where}.{key}", entry.get(key)) for key in ("cpu_ms", "rss_mb"))
-        return Cost(cpu_ms, rss_mb)
+        keys = ("cpu_ms", "rss_mb", "peak_mb")
+        self.known(where, entry, keys)
+        return Cost(*(self.pair(f"{where}.{key}", entry.get(key)) for key in keys))
 
     def pair(self, where: str, value: Any) -> tuple[float | None, float | None]:
         if isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float | None) for v in value):

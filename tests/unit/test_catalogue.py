@@ -80,7 +80,7 @@ def test_every_problem_is_named() -> None:
             files={"model": {"huge": {"path": "a", "url": "b", "sha256": "12"}}},
             contract={"model": {"inputs": {"x": "float[1"}}, "other": {}},
             quantise={"model": {"method": "magic"}},
-            cost={"model": {"cpu_ms": 3, "rss_mb": [1, None]}},
+            cost={"model": {"cpu_ms": 3, "rss_mb": [1, None], "peak_mb": [1, 2]}},
             floors={"box_iou": 2, "beauty": 0.5},
         )
     for complaint in (
