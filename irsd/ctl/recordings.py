@@ -24,7 +24,7 @@ from irsd.io.endpoints import ZenohSettings, with_environment
 from irsd.io.session import CDR, JSON, open_session
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.eyes import open_eyes
-from irsd.perception.worker import InlineEyes
+from irsd.perception.inline import InlineEyes
 from irsd.pipeline import MapPipeline, StepResult
 from irsd.sensors.replay import RawMessage, read_messages
 from irsd.sensors.sync import Synchronizer

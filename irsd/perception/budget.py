@@ -266,6 +266,11 @@ class Governor:
         """Whether the run stays within the memory."""
         return self._rss_mb + self.costs[stage].growth_mb <= _MEMORY * self.settings.rss_mb
 
+    @property
+    def memory_is_short(self) -> bool:
+        """Whether the process is at its limit with no run at all."""
+        return self._rss_mb > _MEMORY * self.settings.rss_mb
+
     def predict(self, stage: Stage, items: int) -> float:
         """CPU seconds of a run."""
         return self.costs[stage].predict(items)

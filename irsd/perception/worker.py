@@ -1,4 +1,4 @@
-"""irsd's own eyes at work: live on a thread of their own, governed by what the process uses; in a replay inline, by counted cost.
+"""irsd's own eyes at work, on a thread of their own, governed by what the process really uses (``inline``: in a replay).
 
 The map thread offers jobs and takes results; between the two lies a mailbox in which the latest job wins.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from irsd.core.errors import ModelError, RunCancelledError
 from irsd.core.runtime import Cell, Counters, Event, Guarded, Mailbox, Ring, Stopper, monotonic_s
 from irsd.perception import meter
-from irsd.perception.budget import BudgetSettings, Governor, Readings, Stage
+from irsd.perception.budget import Governor, Readings, Stage
 from irsd.perception.chain import Chain
 from irsd.perception.job import PerceptionJob, PerceptionResult
 from irsd.perception.trial import trials
@@ -32,7 +32,7 @@ _SOON_S = 1.0  # before a keyframe can be paid for, pictures are compared for th
 _LATE_S = 10.0  # a keyframe that waits longer for its next stage is given up; a run that takes longer is ended
 _LAG_WINDOW_S = 10.0
 _RESULTS = 8
-_REPLAY_MAP_CORES = 0.2  # what mapping, rooms and fusion use at 5 sweeps/s, as measured: a replay counts with it
+_SHORT_S = 5.0  # of memory at its limit, after which the models are let go for good
 
 
 class Eyes(Protocol):
@@ -96,7 +96,11 @@ class LiveEyes:
         threads: Iterable[int],
         models: Callable[[], list[dict[str, Any]]] = list,
     ) -> None:
-        self._chain, self._governor, self._models = chain, governor, models
+        self._chain: Chain | None = chain
+        self._governor, self._models = governor, models
+        self._cancel, self._clear = chain.models.cancel, chain.models.clear
+        self._dimension = chain.dimension
+        self._short_since_s: float | None = None
         self._pool = frozenset(threads)
         self._stopper = Stopper()
         self._beat: Callable[[str], None] = lambda thread: None
@@ -117,7 +121,7 @@ class LiveEyes:
     # ------------------------------------------------------------------------------------------ for the map thread
     @property
     def dimension(self) -> int:
-        return self._chain.dimension
+        return self._dimension
 
     @property
     def waiting(self) -> bool:
@@ -159,6 +163,7 @@ class LiveEyes:
     def warm_up(self) -> None:
         """Every model once on a picture of noise: what it costs is known before it matters. Before the threads start."""
         self._threads = self._pool | {meter.own_thread_id()}
+        assert self._chain is not None
         for stage, items, work in trials(self._chain.models, self._chain.vocabulary):
             self._measured(stage, items, work)
         gc.collect()
@@ -172,9 +177,11 @@ class LiveEyes:
         while not stopper.requested:
             beat(NAME)
             self._observe()
+            self._let_go_when_short()
             governor = self._governor
-            ready = governor.rung.see and governor.may_start(first, 1)
-            self._soon.set(governor.rung.see and (ready or governor.soon(first, _SOON_S)))
+            ready = self._chain is not None and governor.rung.see and governor.may_start(first, 1)
+            may_see = self._chain is not None and governor.rung.see
+            self._soon.set(may_see and (ready or governor.soon(first, _SOON_S)))
             job = self._jobs.get(_POLL_S) if ready else None
             if job is None:
                 if not ready:
@@ -194,10 +201,30 @@ class LiveEyes:
             used_s = meter.threads_cpu_s(self._threads) - run.began_cpu_s
             late = monotonic_s() - run.began_s > _LATE_S
             if used_s > run.limit_s or late:
-                self._chain.models.cancel()
-        self._chain.models.cancel()
+                self._cancel()
+        self._cancel()
+
+    def _let_go_when_short(self) -> None:
+        """Without a run the memory is what the map and the models need: when that is too much, the map goes on and the models go."""
+        if self._chain is None or not self._governor.memory_is_short:
+            self._short_since_s = None
+            return
+        self._memory.trim()
+        self._observe()
+        if self._short_since_s is None:
+            self._short_since_s = monotonic_s()
+        elif self._governor.memory_is_short and monotonic_s() - self._short_since_s > _SHORT_S:
+            _log.error(
+                "perception ends: the map and the models need more than budget.rss_mb = %g",
+                self._governor.settings.rss_mb,
+            )
+            self._counts.add("ended_for_memory")
+            self._chain = None
+            gc.collect()
+            self._memory.trim()
 
     def _look(self, job: PerceptionJob) -> None:
+        assert self._chain is not None
         began_s = monotonic_s()
         detections = self._chain.see(job, self._governor.rung, self)
         self._counts.add("keyframes" if detections is not None else "keyframes_given_up")
@@ -251,9 +278,9 @@ class LiveEyes:
         before_mb, wall_s, cpu_s = memory.rss_mb(), monotonic_s(), meter.threads_cpu_s(self._threads)
         self._active.set(_Run(wall_s, cpu_s, governor.limit_s(stage, items), stage.value))
         result: T | None = None
-        self._chain.models.clear()  # a run that was told to stop may have ended by itself just before
+        self._clear()  # a run that was told to stop may have ended by itself just before
         if self._stopper.requested:
-            self._chain.models.cancel()
+            self._cancel()
         try:
             result = work()
         except RunCancelledError:
@@ -298,69 +325,3 @@ class LiveEyes:
             "rss_mb": round(rss_mb),
             "rss_peak_mb": round(max(self._peak_mb, rss_mb)),
         }
-
-
-# ------------------------------------------------------------------------------------------------------------ replay
-class InlineEyes:
-    """The same chain on the caller's thread, at once. Time is that of the sensors and cost is counted: same input, same bytes."""
-
-    def __init__(self, chain: Chain, budget: BudgetSettings, costs: dict[Stage, tuple[float, float]]) -> None:
-        self._chain = chain
-        self._governor = Governor(budget, costs, learn=False)
-        self._first = next(iter(costs))
-        self._spent_s = 0.0
-        self._began_ns: int | None = None
-        self._seen: list[PerceptionResult] = []
-        self.keyframes = 0
-
-    @property
-    def dimension(self) -> int:
-        return self._chain.dimension
-
-    waiting = False
-
-    @property
-    def answers_wait(self) -> bool:
-        return bool(self._seen)
-
-    @property
-    def rooms_every(self) -> int:
-        return self._governor.rung.rooms_every
-
-    def wants(self, stamp_ns: int) -> bool:
-        if self._began_ns is None:
-            self._began_ns = stamp_ns
-        now_s = (stamp_ns - self._began_ns) * 1e-9
-        cpu_s = _REPLAY_MAP_CORES * now_s + self._spent_s
-        self._governor.observe(Readings(now_s, cpu_s, self._spent_s, None, 0.0))
-        return self._governor.rung.see and self._governor.may_start(self._first, 1)
-
-    def offer(self, job: PerceptionJob) -> None:
-        detections = self._chain.see(job, self._governor.rung, self)
-        if detections is not None:
-            self.keyframes += 1
-            self._seen.append(PerceptionResult(job, detections))
-
-    def results(self) -> list[PerceptionResult]:
-        out, self._seen = self._seen, []
-        return out
-
-    def report(self) -> dict[str, Any]:
-        """For metrics.json."""
-        return {**self._governor.report(), "keyframes": self.keyframes}
-
-    # ------------------------------------------------------------------------------------------------ the runner
-    def run_stage(self, stage: Stage, items: int, work: Callable[[], T]) -> T | None:
-        cost_s = self._governor.predict(stage, items)
-        self._spent_s += cost_s
-        self._governor.ran(stage, items, cost_s, cost_s, 0.0)
-        return work()
-
-    def batch(self, stage: Stage, most: int) -> int:
-        return self._governor.batch(stage, most)
-
-    def drop(self, what: str, amount: int) -> None:
-        self._governor.drop(what, amount)
-
-    def pictured(self, masks: int, crops: int) -> None:
-        self._governor.pictured(masks, crops)

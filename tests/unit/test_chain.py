@@ -18,13 +18,13 @@ from irsd.perception.budget import FULL, BudgetSettings, Stage
 from irsd.perception.chain import Chain, ModelSet
 from irsd.perception.families.clip import ClipImageEncoder
 from irsd.perception.fuse_views import ViewSettings, check_weights, fuse, views_of
+from irsd.perception.inline import InlineEyes
 from irsd.perception.job import PerceptionJob, Sight
 from irsd.perception.kernels import best_boxes, paint, share_with_known
 from irsd.perception.models import Session
 from irsd.perception.roles import Boxes, Masks, Tags
 from irsd.perception.settings import PerceptionSettings, check_perception
 from irsd.perception.tagging import ZeroShotTagger
-from irsd.perception.worker import InlineEyes
 
 T = TypeVar("T")
 

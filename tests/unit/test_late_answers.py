@@ -17,11 +17,11 @@ from irsd.perception.budget import BudgetSettings, Stage
 from irsd.perception.chain import Chain, ModelSet
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.families.clip import ClipImageEncoder
+from irsd.perception.inline import InlineEyes
 from irsd.perception.job import PerceptionResult, Sight
 from irsd.perception.models import Session
 from irsd.perception.roles import Boxes, Masks
 from irsd.perception.settings import PerceptionSettings
-from irsd.perception.worker import InlineEyes
 from irsd.pipeline import MapPipeline
 
 CAMERA = CameraModel(

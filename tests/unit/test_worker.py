@@ -16,11 +16,12 @@ from irsd.core.types import CameraImage, CameraModel, CameraView, KnownThings
 from irsd.perception.budget import BudgetSettings, Governor, Stage
 from irsd.perception.chain import Chain, ModelSet
 from irsd.perception.families.clip import ClipImageEncoder
+from irsd.perception.inline import InlineEyes
 from irsd.perception.job import PerceptionJob, PerceptionResult, Sight
 from irsd.perception.models import Cancel, Session
 from irsd.perception.roles import Boxes, Masks
 from irsd.perception.settings import PerceptionSettings
-from irsd.perception.worker import InlineEyes, LiveEyes
+from irsd.perception.worker import LiveEyes
 
 WAIT_S = 60.0
 HW = (48, 64)
@@ -141,6 +142,15 @@ def test_stopping_ends_a_run_that_would_go_on(tmp_path: Path) -> None:
     with running(eyes):
         assert until(lambda: not eyes.waiting)
     # ``running`` asserts that the threads have ended
+
+
+def test_where_map_and_models_do_not_fit_the_models_go_and_the_map_goes_on(quick: Chain) -> None:
+    settings = BudgetSettings(cpu_cores=64.0, latency_p95_ms=1e6, rss_mb=1.0)
+    eyes = LiveEyes(quick, Governor(settings, {Stage.DETECT: (0.001, 0.0), Stage.EMBED: (0.0, 0.001)}), threads=())
+    with running(eyes):
+        assert until(lambda: eyes.report().get("ended_for_memory") == 1)
+        assert eyes.report()["rung"] == "no detection"
+        assert not eyes.wants(0)
 
 
 def test_inline_the_same_jobs_give_the_same_answers_at_the_counted_rate(quick: Chain) -> None:
