@@ -9,7 +9,7 @@ from dataclasses import replace
 import navigation_house as house
 import numpy as np
 import pytest
-from navigation_standin import KEYS, PATIENCE_S, BridgeProcess, StandIn, ready, running
+from navigation_standin import PATIENCE_S, BridgeProcess, StandIn, ready, running
 
 from irsd.core.runtime import monotonic_s, sleep_s
 from irsd.graph.model import GraphDelta
