@@ -23,6 +23,7 @@ _TOLERANCE = 0.1  # of the promise
 _MEMORY = 0.97  # share of the memory that a run may be predicted to reach
 _STALE_S = 1.0  # between samples of the account
 _OVERRUN, _OVERRUN_S = 3.0, 0.3  # a run is over-long beyond this times its prediction, and this on top
+_SPARE = 0.85  # of the limits that the next rung up may use, so that the ladder does not swing
 _FORGET_S = 30.0  # in which a slow machine is believed to be fast again unless it proves to be slow
 _RIDGE = 0.005  # squared spread of n, relative to n, at which runs and belief count the same
 _FORGET = 0.9  # weight that an older run keeps when one more is counted
@@ -243,7 +244,7 @@ class Governor:
         self._seen_s, self._rss_mb = readings.now_s, readings.rss_mb
         self.account.observe(readings.now_s, readings.cpu_s, readings.own_cpu_s)
         needed, why = self._affordable(1.0)
-        possible, _ = self._affordable(0.75)
+        possible, _ = self._affordable(_SPARE)
         late_ms = readings.lag_p95_ms or 0.0
         if late_ms > self.settings.latency_p95_ms:
             needed = max(needed, min(self.ladder.at + 1, len(self.ladder.rungs) - 1))
