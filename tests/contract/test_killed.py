@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -12,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from navigation_standin import PATIENCE_S, StandIn, ready, running
+from navigation_standin import PATIENCE_S, StandIn, free_endpoint, ready, running
 
 from irsd.core.runtime import Ring, Worker, monotonic_s, sleep_s
+from irsd.graph.codec import snapshot_from_json
+from irsd.io.keys import RobotKeys
+from irsd.io.session import Sample, Session, ZenohSettings, open_session
 
 LOADED_S = 3.0  # a tenth of it on an idle machine; the least that a loaded one must keep
 TESTS = Path(__file__).resolve().parents[1]
@@ -123,3 +127,88 @@ def test_a_mavlink_vehicle_holds_without_the_bridge_and_the_goal_fails_without_t
             states = world.drive_until(lambda s: s["state"] == "failed")
         assert states[-1]["reason"].startswith("vehicle: ")
         world.ask("cancel", {})
+
+
+class Trio:
+    """irsd, nav_bridge and the embedded world as processes; a robot that stands in a corridor and drives slowly."""
+
+    def __init__(self, folder: Path) -> None:
+        self.endpoint, self.folder = free_endpoint(), folder
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        config = folder / "nav.yaml"
+        config.write_text(f"state_directory: {folder / 'nav'}\ndrive: {{patience_s: 30.0}}\n")
+        self.commands = {
+            "irsd": ("irsd", "--robot", "bot", "--state", str(folder / "irsd")),
+            "nav": ("nav_bridge", "--robot", "bot", "--config", str(config)),
+            "world": ("irsd.sim", "--robot", "bot", "--seed", "4", "--no-explore", "--speed", "0.25"),
+        }
+
+    def start(self, name: str) -> None:
+        environment = {**os.environ, "IRSD_ENDPOINT": self.endpoint, "IRSD_CONNECT": "", "OMP_NUM_THREADS": "1"}
+        with (self.folder / f"{name}.log").open("ab") as log:
+            command = [sys.executable, "-m", *self.commands[name]]
+            self.running[name] = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+
+    def kill(self, name: str) -> None:
+        self.running[name].kill()
+        self.running[name].wait()
+
+
+def newest(ring: Ring[Sample], fits: Callable[[dict[str, Any]], Any], patience_s: float = 90.0) -> dict[str, Any]:
+    """The next document that fits."""
+    deadline_s = monotonic_s() + patience_s
+    while monotonic_s() < deadline_s:
+        sample = ring.get(0.5)
+        if sample is not None and fits(document := json.loads(sample.payload)):
+            return dict(document)
+    raise AssertionError("nothing that fits was said")
+
+
+def far_goal(session: Session, keys: RobotKeys) -> str:
+    """The id of a goal two metres away or more, as soon as irsd knows of one."""
+    deadline_s = monotonic_s() + 90.0
+    while monotonic_s() < deadline_s:
+        sleep_s(1.0)
+        replies = session.get(keys.snapshot)
+        things = snapshot_from_json(replies[0].payload).instances if replies and replies[0].ok else ()
+        for label in {thing.label for thing in things if thing.centroid_m[0] > 2.5}:
+            ask = json.dumps({"query": f"farthest {label}", "within_m": 1.0}).encode()
+            told = session.get(keys.nav("why"), timeout_s=20.0, payload=ask)
+            if told and told[0].ok and len(json.loads(told[0].payload)["waypoints"]) > 3:
+                told = session.get(keys.nav("goto"), timeout_s=20.0, payload=ask)
+                return str(json.loads(told[0].payload)["goal_id"])
+    raise AssertionError("nothing far away was seen")
+
+
+@pytest.mark.timeout(280)
+@pytest.mark.parametrize("victim", ["irsd", "nav"])
+def test_the_real_three_survive_a_kill(tmp_path: Path, victim: str) -> None:
+    keys, trio = RobotKeys("bot"), Trio(tmp_path)
+    moves: Ring[Sample] = Ring(512)
+    states: Ring[Sample] = Ring(512)
+    try:
+        for name in trio.commands:
+            trio.start(name)
+        with open_session(ZenohSettings(endpoint=trio.endpoint, connect=()), "peer") as session:
+            session.subscribe(keys.key("sim/state"), moves)
+            session.subscribe(keys.nav("state"), states)
+            goal = far_goal(session, keys)
+            newest(moves, lambda s: s["phase"] == "driving")
+            trio.kill(victim)
+            died_s = monotonic_s()
+            moves.drain()
+            stands = newest(moves, lambda s: s["phase"] == "idle")
+            assert monotonic_s() - died_s <= LOADED_S
+            states.drain()
+            trio.start(victim)
+            end = newest(states, lambda s: s["goal_id"] == goal and s["state"] in ("reached", "failed"))
+            assert end["state"] == "reached" or end["reason"], end
+            moves.drain()
+            last = newest(moves, lambda s: s["phase"] == "idle")
+            assert last["collisions"] == 0
+            if end["state"] == "reached":
+                assert last["true_pose"] != stands["true_pose"]
+            assert json.loads(session.get(keys.nav("cancel"), payload=b"{}")[0].payload)["goal_id"] is None
+    finally:
+        for name in trio.running:
+            trio.kill(name)
