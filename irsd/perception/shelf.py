@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
 import os
 from dataclasses import dataclass, field
@@ -83,13 +84,15 @@ class Shelf:
 
     def remember(self, model: Model, file: ModelFile, record: Record) -> None:
         """Writes the record of a file that is in its place."""
-        files = self.records() | {f"{model.name}/{file.local_name}": record}
-        document = {"schema": 1, "files": {key: dataclasses.asdict(files[key]) for key in sorted(files)}}
         path = self.directory / LOCK
         path.parent.mkdir(parents=True, exist_ok=True)
-        fresh = path.with_suffix(f".{os.getpid()}.tmp")
-        fresh.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-        fresh.replace(path)
+        with (self.directory / ".writing").open("w") as guard:
+            fcntl.flock(guard, fcntl.LOCK_EX)  # two irsctl at once must not lose each other's records
+            files = self.records() | {f"{model.name}/{file.local_name}": record}
+            document = {"schema": 1, "files": {key: dataclasses.asdict(files[key]) for key in sorted(files)}}
+            fresh = path.with_suffix(".tmp")
+            fresh.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            fresh.replace(path)
 
     def pin(self, model: Model, file: ModelFile) -> tuple[str, int] | None:
         """sha256 and size (0: not known) that the file must have; None when nobody knows.

@@ -66,6 +66,7 @@ def quantise(
             f"{model.name}: no recipe to quantise {', '.join(unknown) or 'any part'}; there is one for "
             f"{', '.join(model.recipes) or 'no part'}"
         )
+    quantisation_tools()  # or say at once that they can't be had
     say("running the fp32 model on the pictures")
     watch = Watch(keep=_CALIBRATION_CALLS)
     reference = gate.answers(ModelOpener(settings, open_session=watch.open_session), f"{model.name}@{FLOAT}", pictures)
