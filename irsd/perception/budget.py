@@ -23,6 +23,7 @@ _TOLERANCE = 0.1  # of the promise
 _MEMORY = 0.97  # share of the memory that a run may be predicted to reach
 _STALE_S = 1.0  # between samples of the account
 _OVERRUN, _OVERRUN_S = 3.0, 0.3  # a run is over-long beyond this times its prediction, and this on top
+_BATCH_S = 0.5  # CPU seconds of a run of many items: what has to be given up is little then
 _SPARE = 0.85  # of the limits that the next rung up may use, so that the ladder does not swing
 _FORGET_S = 30.0  # in which a slow machine is believed to be fast again unless it proves to be slow
 _RIDGE = 0.005  # squared spread of n, relative to n, at which runs and belief count the same
@@ -282,7 +283,7 @@ class Governor:
 
     def batch(self, stage: Stage, most: int) -> int:
         """Items for one run such that it stays a small burst; at least one."""
-        burst_s = 0.5 * self.burst_s
+        burst_s = min(0.5 * self.burst_s, _BATCH_S)
         n = most
         while n > 1 and self.predict(stage, n) > burst_s:
             n = -(-n // 2)
