@@ -106,7 +106,9 @@ def test_wrong_bytes_are_counted_named_and_dropped(pair: tuple[Session, Session]
         return received(ingest, "/lidar/points") >= 3
 
     assert until(three_arrive)
-    assert ingest.poll() == []
+    robot.put("tf_static", encode_tf([MOUNT]), encoding=CDR)  # comes after all that is still on its way
+    assert until(lambda: received(ingest, "/tf_static") == 1)
+    assert [type(one) for one in ingest.poll()] == [StaticTransform]
     state = ingest.sensors(monotonic_s())["/lidar/points"]
     assert (state["bad"], state["decoded"]) == (2, 0)
     assert state["dropped"] == state["received"] - 2
