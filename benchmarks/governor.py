@@ -2,10 +2,10 @@
 
     python benchmarks/governor.py --config foundation.yaml [--cores 0.5 1.0] [--minutes 5] [--stress] [--data FOLDER]
 
-The configuration names the models (perception, models); random weights do, their answers are noise but their cost is real. CPU and
-memory are those of the process as the kernel counts them. On a busy machine a process can't use what it may: windows in which its
-threads were ready and had no core for as long as is missing are told apart. The recording is played in a loop, its stamps go on. --stress: the middle third of the
-time has a busy process on each core.
+The configuration names the models (perception, models); random weights do (benchmarks/random_models.py), their answers are noise but
+their cost is real. CPU and memory are those of the process as the kernel counts them. On a busy machine a process can't use what it
+may: windows in which its threads were ready and had no core for as long as is missing are told apart. The recording is played in a
+loop, its stamps go on. --stress: the middle third of the time has a busy process on each core.
 """
 
 from __future__ import annotations
