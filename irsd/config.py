@@ -32,6 +32,7 @@ from irsd.perception.budget import BudgetSettings
 from irsd.perception.settings import PerceptionSettings, check_perception
 from irsd.rooms.stage import RoomSettings
 from irsd.sensors.sync import SyncSettings
+from irsd.sensors.watch import WatchSettings
 
 SYSTEM_FILE = Path("/etc/irsd/irsd.yaml")
 ENVIRONMENT = "IRSD_CONFIG"
@@ -81,6 +82,7 @@ class IrsdConfig:
     budget: BudgetSettings = field(default_factory=BudgetSettings)
     store: StoreSettings = field(default_factory=StoreSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
+    watch: WatchSettings = field(default_factory=WatchSettings)
 
 
 class _StrictLoader(yaml.SafeLoader):

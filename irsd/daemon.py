@@ -11,41 +11,43 @@ import argparse
 import dataclasses
 import json
 import logging
-import os
 import signal
-import sys
 import uuid
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from irsd.config import IrsdConfig, find_config, load_config, state_directory, with_pictures
 from irsd.core.errors import ConfigError, IrsdError, StoreError, TransportError
-from irsd.core.runtime import Cell, Counters, Event, Ring, Stopper, Worker, monotonic_s
+from irsd.core.faults import Finding
+from irsd.core.logs import set_up_logging
+from irsd.core.runtime import Cell, Counters, Event, Ring, Stopper, Worker, monotonic_ns, monotonic_s, wall_clock_ns
+from irsd.core.systemd import notify, watchdog_period_s
+from irsd.faults import FaultLedger, blocked, own_state, short_disk, silent_sensors
 from irsd.graph.store import Store
 from irsd.health import (
     Heartbeats,
     ProcessMeter,
     StageTimes,
-    find_faults,
-    notify,
+    WallClock,
+    disk_state,
     status_document,
     status_line,
-    watchdog_period_s,
 )
 from irsd.ingest import Ingest
 from irsd.io.keys import RobotKeys, check_robot_name
 from irsd.io.publishers import GraphPublisher
 from irsd.io.session import Session, open_session, with_environment
-from irsd.maploop import MapLoop, Publication
+from irsd.maploop import MapLoop, MapState, Publication
+from irsd.opening import open_live_eyes, without_lost_network
 from irsd.perception import worker as perception
-from irsd.perception.budget import Governor
 from irsd.perception.encoder import LabelEncoder
-from irsd.perception.eyes import open_eyes
 from irsd.perception.worker import LiveEyes
 from irsd.pipeline import MapPipeline
 from irsd.sensors.sync import Synchronizer
+from irsd.sensors.watch import SensorWatch
 
 _log = logging.getLogger(__name__)
 
@@ -67,8 +69,10 @@ class Daemon:
         pipeline: MapPipeline,
         store: Store | None,
         eyes: LiveEyes | None = None,
+        missing: Sequence[str] = (),
     ) -> None:
-        """eyes: those of the pipeline, whose threads are run here."""
+        """eyes: those of the pipeline, whose threads are run here. missing: models that could not be opened, and why."""
+        self._missing = missing
         self._config, self._session, self._store, self._eyes = config, session, store, eyes
         self.stopper = Stopper()
         self._beats = Heartbeats(config.health.thread_limit_s)
@@ -80,7 +84,9 @@ class Daemon:
         self._map_done = Event()
         self._outbox: Ring[Publication] = Ring(_OUTBOX)
         wake = Event()
-        self._ingest = Ingest(session, config.ingest, wake)
+        self._watch = SensorWatch(config.watch)
+        self._ledger, self._wall_clock = FaultLedger(), WallClock(shown_s=config.watch.shown_s)
+        self._ingest = Ingest(session, config.ingest, wake, self._watch)
         self._loop = MapLoop(
             self._ingest,
             Synchronizer(config.sync),
@@ -162,6 +168,8 @@ class Daemon:
                 self._publish(publication)
             elif self._map_done.is_set():
                 break
+            elif self._store is not None and self._unstored:
+                self._keep_rest(self._store)
         self._beats.end(_PUBLISH)
 
     def _publish(self, publication: Publication) -> None:
@@ -180,6 +188,9 @@ class Daemon:
     def _keep(self, store: Store, publication: Publication) -> None:
         """Onto disk, in order: what could not be written (disk full) is tried again with the next step."""
         self._unstored.append(publication)
+        self._keep_rest(store)
+
+    def _keep_rest(self, store: Store) -> None:
         try:
             while self._unstored:
                 first = self._unstored[0]
@@ -200,15 +211,8 @@ class Daemon:
         now_s, state, snapshot = monotonic_s(), self._loop.state.get(), self._loop.snapshot.get()
         sensors = self._ingest.sensors(now_s)
         seeing = None if self._eyes is None else self._eyes.report()
-        faults = find_faults(
-            self._config.health,
-            sensors=sensors,
-            late_threads=self._beats.late(now_s),
-            failures=state.failures,
-            last_failure=state.last_failure,
-            store_error=self._store_error.get(),
-            perception=seeing,
-        )
+        findings = self._findings(now_s, state, sensors, seeing)
+        faults = self._ledger.update(findings, now_s, wall_clock_ns())
         self._status_seq += 1
         document = status_document(
             seq=self._status_seq,
@@ -226,7 +230,9 @@ class Daemon:
             lag_s=state.lag_s,
             rooms_age_s=None if state.rooms_arrived_ns is None else now_s - state.rooms_arrived_ns * 1e-9,
             perception=seeing,
-            faults=faults,
+            faults=[fault.document() for fault in faults],
+            faults_ended=self._ledger.ended(),
+            queues={**self._ingest.waiting(), _PUBLISH: len(self._outbox), "unstored": len(self._unstored)},
             process=self._meter.read(),
             counts={
                 "frames": state.frames,
@@ -242,6 +248,27 @@ class Daemon:
             _log.error("status could not be published: %s", error)
         notify(f"STATUS={status_line(document)}")
 
+    def _findings(
+        self, now_s: float, state: MapState, sensors: Mapping[str, Mapping[str, Any]], seeing: Mapping[str, Any] | None
+    ) -> list[Finding]:
+        """What every detector says now."""
+        health = self._config.health
+        found = silent_sensors(health, sensors) + self._watch.findings(monotonic_ns()) + blocked(state.obstacles)
+        if self._store is not None:
+            directory = self._store.path.parent
+            found += short_disk(*disk_state(directory), str(directory), health)
+        return found + own_state(
+            health,
+            late_threads=self._beats.late(now_s),
+            failures=state.failures,
+            last_failure=state.last_failure,
+            store_error=self._store_error.get(),
+            lag_s=state.lag_s,
+            perception=seeing,
+            missing_models=self._missing,
+            clock_step_s=self._wall_clock.step_s(now_s, wall_clock_ns()),
+        )
+
 
 def run(config: IrsdConfig, endpoint: str | None) -> int:
     """Runs irsd until SIGTERM or SIGINT; the exit code. Raises IrsdError when it can't start."""
@@ -249,9 +276,11 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     store = _open_store(config)
     stored = store.load() if store is not None else None
     map_id = stored.snapshot.map_id if stored is not None else uuid.uuid4().hex[:12]
-    eyes = _open_eyes(config)
+    missing: list[str] = []
+    eyes = open_live_eyes(config, missing)
     if eyes is not None:
         config = with_pictures(config)
+    config = without_lost_network(config, missing)
     pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes)
     if stored is not None:
         pipeline.restore(stored.snapshot, stored.arrays)
@@ -260,7 +289,7 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     settings = with_environment(config.zenoh, endpoint)
     try:
         with open_session(settings, "hub") as session:
-            daemon = Daemon(config, session, pipeline, store, eyes)
+            daemon = Daemon(config, session, pipeline, store, eyes, missing)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda n, _: daemon.stopper.request(signal.Signals(n).name))
             daemon.start()
@@ -274,20 +303,6 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     finally:
         if store is not None:
             store.close()
-
-
-def _open_eyes(config: IrsdConfig) -> LiveEyes | None:
-    """The models opened and tried once; None where the configuration names none."""
-    if not config.perception.image_encoder:
-        return None
-    opened = open_eyes(config.perception, config.models)
-    eyes = LiveEyes(
-        opened.chain, Governor(config.budget, opened.costs), threads=opened.threads, models=opened.opener.status
-    )
-    eyes.warm_up()
-    for model in opened.opener.status():
-        _log.info("%(model)s %(part)s: %(precision)s on %(providers)s %(fallback)s", model)
-    return eyes
 
 
 def _open_store(config: IrsdConfig) -> Store | None:
@@ -327,29 +342,6 @@ def configured(arguments: argparse.Namespace) -> IrsdConfig:
         store = dataclasses.replace(config.store, enabled=True, directory=str(arguments.state))
         config = dataclasses.replace(config, store=store)
     return config
-
-
-def set_up_logging(level: str) -> None:
-    """Lines on stderr; with journald's priorities in front when it is journald that listens."""
-    handler = logging.StreamHandler(sys.stderr)
-    journal = bool(os.environ.get("JOURNAL_STREAM"))
-    handler.setFormatter(_JournalFormatter() if journal else logging.Formatter(_LINE))
-    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
-
-
-_LINE = "%(asctime)s %(levelname)-7s %(name)s: %(message)s"
-_JOURNAL_PRIORITY = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
-
-
-class _JournalFormatter(logging.Formatter):
-    """``<3>`` in front of every line; time and process are journald's own."""
-
-    def __init__(self) -> None:
-        super().__init__("%(name)s: %(message)s")
-
-    def format(self, record: logging.LogRecord) -> str:
-        prefix = f"<{_JOURNAL_PRIORITY.get(record.levelno, 6)}>"
-        return "\n".join(prefix + line for line in super().format(record).splitlines())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

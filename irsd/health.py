@@ -1,12 +1,12 @@
-"""How irsd is doing: stage times, heartbeats, faults, the status document, and word to systemd."""
+"""How irsd is doing: stage times, heartbeats, clock and disk, the status document."""
 
 from __future__ import annotations
 
 import os
-import socket
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,12 @@ class HealthSettings:
     """When something counts as a fault."""
 
     status_period_s: float = setting(1.0, "how often status is published", lo=0.1, hi=60.0)
-    sensor_stale_s: float = setting(2.0, "a lidar or odometry silent for longer is a fault", lo=0.1, hi=600.0)
+    sensor_stale_s: float = setting(1.5, "a sensor silent for longer is a fault", lo=0.1, hi=600.0)
+    bad_messages: int = setting(
+        5, "so many messages of a topic in a row that can't be used are a fault", lo=1, hi=10000
+    )
+    lag_limit_s: float = setting(3.0, "a sweep that takes longer into the graph is a fault", lo=0.1, hi=600.0)
+    min_free_mb: float = setting(200.0, "less free space where the map is kept is a fault", lo=0.0)
     thread_limit_s: float = setting(
         15.0, "a thread silent for longer is a fault, and systemd is no longer told that irsd lives", lo=1.0, hi=600.0
     )
@@ -88,58 +93,48 @@ class Heartbeats:
         return [name for name, age in self.ages_s(now_s).items() if age > self._limit_s]
 
 
+class WallClock:
+    """Watches the system's clock for steps, against the one that never jumps. One caller."""
+
+    def __init__(self, limit_s: float = 1.0, shown_s: float = 20.0) -> None:
+        self._limit_s, self._shown_s = limit_s, shown_s
+        self._ahead_s: float | None = None
+        self._step_s, self._until_s = 0.0, 0.0
+
+    def step_s(self, now_s: float, wall_ns: int) -> float:
+        """How far the clock was set lately, seconds; 0 when it was not. Slow steering (NTP) is no step."""
+        ahead_s = wall_ns * 1e-9 - now_s
+        if self._ahead_s is not None and abs(ahead_s - self._ahead_s) > self._limit_s:
+            self._step_s, self._until_s = ahead_s - self._ahead_s, now_s + self._shown_s
+        self._ahead_s = ahead_s
+        return self._step_s if now_s < self._until_s else 0.0
+
+
+def disk_state(directory: Path) -> tuple[float | None, bool]:
+    """(free MB, whether it can be written) of the disk that holds a directory; free MB is None where it can't be asked."""
+    try:
+        stats = os.statvfs(directory)
+    except OSError:
+        return None, False
+    writable = not stats.f_flag & os.ST_RDONLY and os.access(directory, os.W_OK)
+    return stats.f_bavail * stats.f_frsize / 1e6, writable
+
+
 class ProcessMeter:
-    """CPU and memory of this process. One caller."""
+    """CPU, memory, threads and files of this process. One caller."""
 
     def __init__(self) -> None:
         self._process = psutil.Process()
         self._process.cpu_percent()  # the first call sets the mark, the next ones measure from it
 
     def read(self) -> dict[str, float]:
-        """cpu_cores since the last call (1.0 = one core busy), rss_mb, threads."""
+        """cpu_cores since the last call (1.0 = one core busy), rss_mb, threads, open files."""
         return {
             "cpu_cores": round(self._process.cpu_percent() / 100.0, 3),
             "rss_mb": round(self._process.memory_info().rss / 1e6, 1),
             "threads": self._process.num_threads(),
+            "files": self._process.num_fds(),
         }
-
-
-def find_faults(
-    settings: HealthSettings,
-    *,
-    sensors: Mapping[str, Mapping[str, Any]],
-    late_threads: Sequence[str] = (),
-    failures: int = 0,
-    last_failure: str = "",
-    store_error: str = "",
-    perception: Mapping[str, Any] | None = None,
-) -> list[dict[str, str]]:
-    """What an operator should look at: each with a code that scripts can match and a text that people read.
-
-    sensors: as ``Ingest.sensors`` gives them. failures: steps that failed in a row up to now. perception: the governor's report.
-    """
-    faults = []
-    for topic, sensor in sensors.items():
-        age_s = sensor["age_s"]
-        if sensor["kind"] in ("lidar", "odometry"):
-            if age_s is None:
-                faults.append(_fault("sensor_missing", f"{topic}: nothing received yet"))
-            elif age_s > settings.sensor_stale_s:
-                faults.append(_fault("sensor_stale", f"{topic}: silent for {age_s:.1f} s"))
-        if sensor["bad"] and not sensor["decoded"]:
-            faults.append(_fault("sensor_undecodable", f"{topic}: no message could be used: {sensor['last_error']}"))
-    faults += [_fault("thread_late", f"thread {name} makes no progress") for name in late_threads]
-    if failures:
-        faults.append(_fault("step_failing", f"the last {failures} steps failed: {last_failure}"))
-    if perception and perception.get("why"):
-        faults.append(_fault("budget", f"perception at '{perception['rung']}': {perception['why']}"))
-    if store_error:
-        faults.append(_fault("store", store_error))
-    return faults
-
-
-def _fault(code: str, text: str) -> dict[str, str]:
-    return {"code": code, "text": text}
 
 
 def status_document(
@@ -155,13 +150,15 @@ def status_document(
     drops: Mapping[str, int],
     graph: Mapping[str, int],
     lag_s: float | None,
-    faults: Sequence[Mapping[str, str]],
+    faults: Sequence[Mapping[str, Any]],
     process: Mapping[str, float],
     counts: Mapping[str, int],
     rooms_age_s: float | None = None,
     perception: Mapping[str, Any] | None = None,
+    faults_ended: Sequence[Mapping[str, Any]] = (),
+    queues: Mapping[str, int] | None = None,
 ) -> dict[str, Any]:
-    """The document under ``irs/<robot>/status``; drops names only what was dropped.
+    """The document under ``irs/<robot>/status``; drops names only what was dropped. queues: items that wait, by place.
 
     rooms_age_s: since the newest sweep that the rooms took in was received. perception: the governor's report; None without eyes.
     """
@@ -181,31 +178,11 @@ def status_document(
         "lag_s": None if lag_s is None else round(lag_s, 3),
         "rooms_age_s": None if rooms_age_s is None else round(rooms_age_s, 3),
         "perception": None if perception is None else dict(perception),
+        "queues": dict(queues or {}),
         "faults": [dict(fault) for fault in faults],
+        "faults_ended": [dict(fault) for fault in faults_ended],
         **process,
     }
-
-
-# ------------------------------------------------------------------------------------------------------------- systemd
-def notify(state: str) -> bool:
-    """A line of sd_notify(3), such as ``READY=1``; False when no one asked for it ($NOTIFY_SOCKET is not set)."""
-    address = os.environ.get("NOTIFY_SOCKET")
-    if not address:
-        return False
-    if address.startswith("@"):  # an abstract socket
-        address = "\0" + address[1:]
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as channel:
-        channel.sendto(state.encode(), address)
-    return True
-
-
-def watchdog_period_s() -> float | None:
-    """How often systemd wants to hear ``WATCHDOG=1``: half of WatchdogSec, None when it does not watch this process."""
-    microseconds = os.environ.get("WATCHDOG_USEC", "")
-    watched = os.environ.get("WATCHDOG_PID", str(os.getpid()))
-    if not microseconds.isdigit() or int(microseconds) == 0 or watched != str(os.getpid()):
-        return None
-    return int(microseconds) / 2e6
 
 
 def status_line(document: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from irsd.core.errors import ConfigError, DecodeError
-from irsd.core.runtime import Event, Rate, Ring
+from irsd.core.runtime import Event, Rate, Ring, monotonic_ns
 from irsd.core.settings import setting
 from irsd.core.types import LidarScan, Sensed
 from irsd.io import cdr
@@ -21,10 +21,12 @@ from irsd.io.keys import check_ros_topic, ros_endpoint_token, ros_node_token, su
 from irsd.io.session import Handle, Sample, Session
 from irsd.perception.detections import DetectionPairer
 from irsd.sensors.decode import KINDS, decode, decode_detection_ids
+from irsd.sensors.watch import SensorWatch
 
 _log = logging.getLogger(__name__)
 
 _ARRIVALS_KEPT = 64
+_WATCH_PERIOD_NS = 250_000_000
 _NS_PER_S = 1_000_000_000
 
 
@@ -96,6 +98,7 @@ class TopicCount:
     received: int = 0
     decoded: int = 0
     bad: int = 0
+    bad_run: int = 0
     last_error: str = ""
 
 
@@ -119,11 +122,13 @@ class SensorDecoder:
             sensed = self._decode(kind, payload)
         except DecodeError as error:
             count.bad += 1
+            count.bad_run += 1
             count.last_error = str(error)
             if count.bad & (count.bad - 1) == 0:  # the 1st, 2nd, 4th, 8th...: a broken driver must not fill the log
                 _log.error("%s: message %d can't be used (%d so far): %s", topic, count.received, count.bad, error)
             return ()
         count.decoded += 1
+        count.bad_run = 0
         return sensed
 
     def counters(self) -> dict[str, int]:
@@ -157,7 +162,10 @@ class _Input(Ring[Sample]):
 class Ingest:
     """The subscriptions of a running irsd. ``poll`` and ``arrived_ns`` belong to one thread; ``sensors`` may be asked by any."""
 
-    def __init__(self, session: Session, settings: IngestSettings, wake: Event) -> None:
+    def __init__(self, session: Session, settings: IngestSettings, wake: Event, watch: SensorWatch) -> None:
+        """watch: is shown every message that could be decoded."""
+        self._watch = watch
+        self._watched_ns = 0
         self._decoder = SensorDecoder(settings)
         self._inputs = tuple(_Input(topic, wake) for topic in self._decoder.topics)
         self._arrivals: OrderedDict[int, int] = OrderedDict()
@@ -174,11 +182,22 @@ class Ingest:
             for sample in entry.drain():
                 if sample.deleted:
                     continue
-                for sensed in self._decoder.decode(entry.topic.name, sample.payload):
+                values = self._decoder.decode(entry.topic.name, sample.payload)
+                if values:
+                    self._watch.hear(entry.topic.name, entry.topic.kind, sample.payload, sample.received_ns, values)
+                for sensed in values:
                     if isinstance(sensed, LidarScan):
                         self._remember(sensed.stamp_ns, sample.received_ns)
                     out.append(sensed)
+        now_ns = monotonic_ns()
+        if now_ns - self._watched_ns > _WATCH_PERIOD_NS:
+            self._watched_ns = now_ns
+            self._watch.refresh(now_ns)
         return out
+
+    def waiting(self) -> dict[str, int]:
+        """Messages that wait to be decoded, by topic."""
+        return {entry.topic.name: len(entry) for entry in self._inputs}
 
     def arrived_ns(self, stamp_ns: int) -> int | None:
         """When (monotonic) the sweep came in that ended at ``stamp_ns``; None when that is long ago.
@@ -189,7 +208,7 @@ class Ingest:
         return self._arrivals[max(begun)] if begun else None
 
     def sensors(self, now_s: float) -> dict[str, dict[str, Any]]:
-        """Per topic: kind, rate_hz, received, decoded, bad, dropped, last_error, age_s (None: never heard)."""
+        """Per topic: kind, rate_hz, period_s, received, decoded, bad, bad_run, dropped, last_error, age_s (None: never heard)."""
         return {entry.topic.name: self._state(entry, now_s) for entry in self._inputs}
 
     def counters(self) -> dict[str, int]:
@@ -247,9 +266,11 @@ class Ingest:
         return {
             "kind": entry.topic.kind,
             "rate_hz": round(entry.rate.hz(now_s), 2),
+            "period_s": round(entry.rate.period_s, 3),
             "received": entry.received,
             "decoded": count.decoded,
             "bad": count.bad,
+            "bad_run": count.bad_run,
             "dropped": entry.dropped,
             "last_error": count.last_error,
             "age_s": None if age_s is None else round(age_s, 2),

@@ -51,6 +51,7 @@ class MapState:
     lag_s: float | None = None
     stamp_ns: int = 0
     rooms_arrived_ns: int | None = None
+    obstacles: tuple[str, ...] = ()
     drops: Mapping[str, int] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
 
@@ -141,6 +142,7 @@ class MapLoop:
             replace(
                 self.state.get(),
                 blocked_by=self._sync.blocked_by(),
+                obstacles=tuple(self._sync.obstacles()),
                 drops={**self._ingest.counters(), **_losses(self._sync.counters())},
                 counts=self._pipeline.counters(),
             )

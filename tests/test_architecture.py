@@ -26,6 +26,7 @@ MAY_IMPORT: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("irsd.models", ()),
     ("irsd.sim", ("irsd.core", "irsd.io", "irsd.sensors.encode", "irsd.sensors.replay")),
     ("irsd.health", ("irsd.core",)),
+    ("irsd.faults", ("irsd.core", "irsd.health")),
     (
         "irsd.config",
         (
@@ -56,6 +57,7 @@ MAY_IMPORT: tuple[tuple[str, tuple[str, ...]], ...] = (
             "irsd.warm",
         ),
     ),
+    ("irsd.opening", ("irsd.core", "irsd.config", "irsd.perception")),
     ("irsd.lookout", ("irsd.core", "irsd.mapping", "irsd.instances", "irsd.perception")),
     ("irsd.maploop", ("irsd.core", "irsd.graph.model", "irsd.health", "irsd.ingest", "irsd.pipeline", "irsd.sensors")),
     ("irsd.warm", ("irsd.core", "irsd.mapping", "irsd.rooms", "irsd.instances")),

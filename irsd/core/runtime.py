@@ -372,10 +372,7 @@ class Cell(Generic[T]):
 
 
 class Rate:
-    """How often something happened lately: the mean frequency over the last ``window`` events. One writer.
-
-    Reading is safe from any thread.
-    """
+    """How often something happened lately: the mean frequency over the last ``window`` events. One writer, any readers."""
 
     def __init__(self, window: int = 50) -> None:
         self._stamps_s: deque[float] = deque(maxlen=max(window, 2))
@@ -385,12 +382,15 @@ class Rate:
 
     def hz(self, now_s: float) -> float:
         """0 before the second event; falls towards 0 when the events stop."""
-        stamps = tuple(self._stamps_s)
-        if len(stamps) < 2:
+        if len(self._stamps_s) < 2:
             return 0.0
-        period = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
-        silence = now_s - stamps[-1]
-        return 1.0 / max(period, silence / 2.0, 1e-6)
+        return 1.0 / max(self.period_s, (self.age_s(now_s) or 0.0) / 2.0, 1e-6)
+
+    @property
+    def period_s(self) -> float:
+        """Mean time between the last events; 0 before the second."""
+        stamps = tuple(self._stamps_s)
+        return (stamps[-1] - stamps[0]) / (len(stamps) - 1) if len(stamps) > 1 else 0.0
 
     def age_s(self, now_s: float) -> float | None:
         """Seconds since the last event, None when there was none."""

@@ -41,11 +41,17 @@ def status_lines(document: dict[str, Any]) -> list[str]:
         lines.append(f"  {stage:32s} {times.get('p50_ms', 0):6.1f} ms, p95 {times.get('p95_ms', 0):.1f} ms")
     if document.get("blocked_by"):
         lines.append(f"  waiting for {document['blocked_by']}")
-    lines += [
-        f"  FAULT {fault.get('text', fault) if isinstance(fault, dict) else fault}"
-        for fault in document.get("faults", [])
-    ]
+    for fault in document.get("faults", []):
+        lines += fault_lines(fault)
+    for fault in document.get("faults_ended", [])[-3:]:
+        lines.append(f"  over: {fault['code']} since {fault['since']}, lasted {fault['for_s']:.0f} s: {fault['text']}")
     return lines
+
+
+def fault_lines(fault: dict[str, Any]) -> list[str]:
+    """A fault in words: what, since when, what it costs, what to do."""
+    lines = [f"  FAULT {fault['code']}: {fault['text']} (since {fault['since']}, {fault['for_s']:.0f} s)"]
+    return [*lines, f"        effect: {fault['effect']}", f"        do: {fault['remedy']}"]
 
 
 def tree(target: Target, as_json: bool) -> int:

@@ -115,6 +115,7 @@ class Synchronizer:
         self._seq = 0
         self._scan_obstacle: _Obstacle | None = None
         self._view_obstacle: _Obstacle | None = None
+        self._given_up: dict[str, str] = {}  # sweep, view: why the newest one could not be placed, until one can
         self._counters = dict.fromkeys(COUNTERS, 0)
 
     # ------------------------------------------------------------------------------------------------ in
@@ -208,8 +209,10 @@ class Synchronizer:
                 if not (obstacle.final or self._waited_enough(sweep.arrived_ns)):
                     break
                 self._counters[obstacle.counter] += 1
+                self._given_up["sweep"] = obstacle.text
             else:
                 self._scan_obstacle = None
+                self._given_up.pop("sweep", None)
                 frames.append(self._frame(sweep))
             del self._sweeps[0]
         return frames
@@ -245,6 +248,13 @@ class Synchronizer:
             if quiet_s > self._settings.max_wait_s:
                 return f"lidar: last sweep {quiet_s:.1f} s ago"
         return None if self._view_obstacle is None else self._view_obstacle.text
+
+    def obstacles(self) -> list[str]:
+        """What sweeps and views wait for in vain, in words: ``tf_static: ...``, ``camera_info: ...`` or ``odometry: ...``.
+
+        Waiting for the next pose is none: only what a measurement was given up for, until one gets through.
+        """
+        return list(self._given_up.values())
 
     def counters(self) -> dict[str, int]:
         """Everything that was emitted, out of order or given up; the keys are ``COUNTERS``."""
@@ -307,12 +317,14 @@ class Synchronizer:
             if isinstance(made, CameraView):
                 taken.append(made)
                 self._view_obstacle = None
+                self._given_up.pop("view", None)
             elif made is None and not give_up:
                 waiting.append(view)
             else:
                 self._view_obstacle = obstacle = made or _Obstacle("view_no_pose", "odometry: ended before the view")
                 if give_up or obstacle.final or self._waited_enough(view.arrived_ns):
                     self._counters[obstacle.counter] += 1
+                    self._given_up["view"] = obstacle.text
                 else:
                     waiting.append(view)
         self._views = waiting

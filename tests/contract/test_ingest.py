@@ -16,6 +16,7 @@ from irsd.io import cdr
 from irsd.io.keys import rmw_key, ros_attachment
 from irsd.io.session import CDR, Session, ZenohSettings, open_session
 from irsd.sensors.encode import encode_odometry, encode_pointcloud2, encode_tf
+from irsd.sensors.watch import SensorWatch, WatchSettings
 
 WAIT_S = 20.0
 SCAN = LidarScan(7_000_000_000, "lidar", np.arange(30, dtype=np.float32).reshape(10, 3) + 1, None)
@@ -47,7 +48,7 @@ def received(ingest: Ingest, topic: str) -> int:
 
 
 def test_nothing_heard_is_a_state(pair: tuple[Session, Session]) -> None:
-    ingest = Ingest(pair[0], IngestSettings(), Event())
+    ingest = Ingest(pair[0], IngestSettings(), Event(), SensorWatch(WatchSettings()))
     assert ingest.poll() == []
     assert ingest.arrived_ns(1) is None
     assert set(ingest.counters().values()) == {0}
@@ -59,7 +60,7 @@ def test_nothing_heard_is_a_state(pair: tuple[Session, Session]) -> None:
 def test_both_forms_are_heard(pair: tuple[Session, Session], form: str) -> None:
     daemon, robot = pair
     wake = Event()
-    ingest = Ingest(daemon, IngestSettings(namespace="bot1"), wake)
+    ingest = Ingest(daemon, IngestSettings(namespace="bot1"), wake, SensorWatch(WatchSettings()))
 
     def key(topic: str, type_name: str) -> str:
         return f"bot1{topic}" if form == "bridge" else rmw_key(topic, type_name, cdr.type_hash(type_name), 3)
@@ -90,7 +91,7 @@ def test_latched_mountings_reach_a_daemon_that_starts_late(pair: tuple[Session, 
     daemon, robot = pair
     latched = robot.history_publisher("tf_static", encoding=CDR, keep=1)
     latched.put(encode_tf([MOUNT]))
-    ingest = Ingest(daemon, IngestSettings(), Event())
+    ingest = Ingest(daemon, IngestSettings(), Event(), SensorWatch(WatchSettings()))
     assert until(lambda: received(ingest, "/tf_static") == 1)
     (mount,) = ingest.poll()
     assert isinstance(mount, StaticTransform)
@@ -99,7 +100,7 @@ def test_latched_mountings_reach_a_daemon_that_starts_late(pair: tuple[Session, 
 
 def test_wrong_bytes_are_counted_named_and_dropped(pair: tuple[Session, Session]) -> None:
     daemon, robot = pair
-    ingest = Ingest(daemon, IngestSettings(lidar_queue=2), Event())
+    ingest = Ingest(daemon, IngestSettings(lidar_queue=2), Event(), SensorWatch(WatchSettings()))
 
     def three_arrive() -> bool:
         robot.put("lidar/points", b"no cloud", encoding=CDR)
@@ -118,7 +119,7 @@ def test_wrong_bytes_are_counted_named_and_dropped(pair: tuple[Session, Session]
 
 def test_ros_sees_our_subscriptions(pair: tuple[Session, Session]) -> None:
     daemon, robot = pair
-    ingest = Ingest(daemon, IngestSettings(), Event())
+    ingest = Ingest(daemon, IngestSettings(), Event(), SensorWatch(WatchSettings()))
     tokens = "@ros2_lv/0/*/*/*/MS/**"
     assert until(lambda: len(robot.find_alive(tokens)) == 4)
     assert any("%lidar%points" in token and token.endswith("2::,5:,:,:,,") for token in robot.find_alive(tokens))

@@ -9,16 +9,13 @@ from typing import Any
 
 import pytest
 
+from irsd.core.systemd import notify, watchdog_period_s
 from irsd.health import (
-    HealthSettings,
     Heartbeats,
     ProcessMeter,
     StageTimes,
-    find_faults,
-    notify,
     status_document,
     status_line,
-    watchdog_period_s,
 )
 
 
@@ -50,35 +47,6 @@ def test_a_silent_thread_is_late_and_an_ended_one_is_not() -> None:
     assert beats.late(6.0) == ["map"]
     beats.end("map")
     assert beats.late(100.0) == ["publish"]
-
-
-def test_faults() -> None:
-    settings = HealthSettings(sensor_stale_s=2.0)
-    assert find_faults(settings, sensors={"/lidar": sensor()}) == []
-    assert find_faults(settings, sensors={"/tf": sensor(kind="tf_static", age_s=None)}) == []
-    faults = find_faults(
-        settings,
-        sensors={
-            "/lidar": sensor(age_s=3.0),
-            "/odom": sensor(kind="odometry", age_s=None),
-            "/info": sensor(kind="camera_info", decoded=0, bad=3, last_error="K is zero"),
-        },
-        late_threads=["map"],
-        failures=2,
-        last_failure="frame 7: ValueError: x",
-        store_error="disk full",
-    )
-    assert [fault["code"] for fault in faults] == [
-        "sensor_stale",
-        "sensor_missing",
-        "sensor_undecodable",
-        "thread_late",
-        "step_failing",
-        "store",
-    ]
-    text = " ".join(fault["text"] for fault in faults)
-    for part in ("/lidar: silent for 3.0 s", "/odom: nothing", "K is zero", "thread map", "frame 7", "disk full"):
-        assert part in text
 
 
 def document(**values: Any) -> dict[str, Any]:

@@ -1,0 +1,45 @@
+"""Opening the models that the configuration names. One that is missing costs its stage, not the daemon, and is said in the status."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from pathlib import Path
+
+from irsd.config import IrsdConfig
+from irsd.core.errors import ModelError
+from irsd.perception.budget import Governor
+from irsd.perception.eyes import open_eyes
+from irsd.perception.worker import LiveEyes
+
+_log = logging.getLogger(__name__)
+
+
+def open_live_eyes(config: IrsdConfig, missing: list[str]) -> LiveEyes | None:
+    """The models opened and tried once; None where the configuration names none, or one of them is missing (said in ``missing``)."""
+    if not config.perception.image_encoder:
+        return None
+    try:
+        opened = open_eyes(config.perception, config.models)
+    except ModelError as error:
+        _log.error("irsd sees nothing by itself: %s", error)
+        missing.append(f"eyes: {error}")
+        return None
+    eyes = LiveEyes(
+        opened.chain, Governor(config.budget, opened.costs), threads=opened.threads, models=opened.opener.status
+    )
+    eyes.warm_up()
+    for model in opened.opener.status():
+        _log.info("%(model)s %(part)s: %(precision)s on %(providers)s %(fallback)s", model)
+    return eyes
+
+
+def without_lost_network(config: IrsdConfig, missing: list[str]) -> IrsdConfig:
+    """The configuration without a structure network that can't be opened: geometry alone labels walls and floors then."""
+    network = config.pipeline.mapping.network
+    if not network.model or Path(network.model).is_file():
+        return config
+    missing.append(f"structure network: there is no file {network.model}")
+    _log.error("walls and floors are told by geometry alone: there is no file %s", network.model)
+    mapping = dataclasses.replace(config.pipeline.mapping, network=dataclasses.replace(network, model=""))
+    return dataclasses.replace(config, pipeline=dataclasses.replace(config.pipeline, mapping=mapping))
