@@ -19,6 +19,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from irsd.commands import EditCommands
 from irsd.config import IrsdConfig, find_config, load_config, state_directory, with_pictures
 from irsd.core.errors import ConfigError, IrsdError, StoreError, TransportError
 from irsd.core.faults import Finding
@@ -103,9 +104,10 @@ class Daemon:
             session,
             RobotKeys(config.robot),
             pipeline.snapshot(),
-            lambda instance_id: self._loop.call(lambda p: p.arrays().get(instance_id)),
+            lambda instance_id: self._loop.call(lambda p: p.find_arrays(instance_id)),
             lambda: self._loop.call(lambda p: p.navigation_grid()),
         )
+        self._edits = EditCommands(session, RobotKeys(config.robot), self._loop)
         self._workers = [
             Worker("map", self._loop.run, self._thread_died),
             Worker(_PUBLISH, self._publish_loop, self._thread_died),
@@ -144,6 +146,7 @@ class Daemon:
         """Ends the threads in order, so that the last step reaches disk and network. False when one would not end."""
         self.stopper.request("stopped")
         self._ingest.close()
+        self._edits.close()
         map_thread, publish_thread, *seeing = self._workers
         done = all([worker.join(_JOIN_S) for worker in seeing])
         done = map_thread.join(_JOIN_S) and done
@@ -177,6 +180,8 @@ class Daemon:
         began_s = monotonic_s()
         if self._store is not None:
             self._keep(self._store, publication)
+        if publication.stored is not None:
+            publication.stored.put(self._store_error.get())
         stored_s = monotonic_s()
         try:
             self._publisher.publish(publication.delta, publication.snapshot)
@@ -194,7 +199,7 @@ class Daemon:
         try:
             while self._unstored:
                 first = self._unstored[0]
-                store.append(first.delta, first.arrays, building_name=first.snapshot.building.name)
+                store.append(first.delta, first.arrays, first.record, building_name=first.snapshot.building.name)
                 self._unstored.popleft()
             self._store_error.set("")
         except StoreError as error:
@@ -283,7 +288,7 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     config = without_lost_network(config, missing)
     pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes)
     if stored is not None:
-        pipeline.restore(stored.snapshot, stored.arrays)
+        pipeline.restore(stored)
         graph = pipeline.snapshot()
         _log.info("map %s taken up: %d rooms, %d things", map_id, len(graph.rooms), len(graph.instances))
     settings = with_environment(config.zenoh, endpoint)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Generic, TypeVar
 
-from irsd.core.errors import TransportError
+from irsd.core.errors import StoreError, TransportError
 from irsd.core.runtime import Cell, Event, Mailbox, Ring, Stopper, monotonic_ns
 from irsd.core.types import SyncedFrame
+from irsd.graph.edits import Record
 from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.health import Heartbeats, StageTimes
 from irsd.ingest import Ingest
@@ -28,12 +30,26 @@ _QUIET_NS = 2_000_000_000  # sensors that pause for longer than any stage's peri
 
 
 @dataclass(frozen=True, slots=True)
+class Replacement:
+    """Another map takes the place of the one before. path: the file that holds it; None: it is empty."""
+
+    path: Path | None
+
+
+@dataclass(frozen=True, slots=True)
 class Publication:
-    """One step of the graph on its way to disk and network. arrays: of the instances in the delta, by id."""
+    """One step of the graph on its way to disk and network. arrays: of the instances in the delta, by id.
+
+    record: what the step leaves on disk beside the delta. stored: told "" when it is on disk, else why it is not.
+    replaces: the delta is no step, but tells of another map.
+    """
 
     delta: GraphDelta
     snapshot: GraphSnapshot
     arrays: Mapping[str, InstanceArrays]
+    record: Record = field(default_factory=Record)
+    stored: Mailbox[str] | None = None
+    replaces: Replacement | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +126,38 @@ class MapLoop:
         if answer.error is not None:
             raise answer.error
         return answer.value  # type: ignore[return-value]
+
+    def change(self, work: Callable[[MapPipeline], tuple[T, GraphDelta]], timeout_s: float = _CALL_TIMEOUT_S) -> T:
+        """What ``work`` does to the graph between two steps, once it is on disk.
+
+        Raises StoreError when it is in effect but not on disk (yet); what ``work`` raises; TransportError as ``call``.
+        """
+        stored: Mailbox[str] = Mailbox()
+
+        def apply(pipeline: MapPipeline) -> T:
+            result, delta = work(pipeline)
+            self._hand_out(delta, pipeline.snapshot(), stored)
+            return result
+
+        result = self.call(apply, timeout_s)
+        return _once_stored(stored, result, timeout_s)
+
+    def replace(self, pipeline: MapPipeline, why: str, source: Replacement, timeout_s: float = _CALL_TIMEOUT_S) -> int:
+        """Another map from now on; its revision, once it is on disk. Errors as ``change``. why: goes into the lineage."""
+        stored: Mailbox[str] = Mailbox()
+
+        def apply(before: MapPipeline) -> int:
+            # A gap in the revisions: whoever follows the graph takes the snapshot again.
+            pipeline.go_on_from(max(before.snapshot().seq, pipeline.snapshot().seq) + 2)
+            self._pipeline = pipeline
+            now = pipeline.snapshot()
+            delta = GraphDelta(now.seq, now.stamp_ns, now.map_id, now.frame, (), (), (), (), (why,))
+            self.snapshot.set(now)
+            self._outbox.put(Publication(delta, now, {}, pipeline.take_record(), stored, source))
+            return now.seq
+
+        result = self.call(apply, timeout_s)
+        return _once_stored(stored, result, timeout_s)
 
     def run(self) -> None:
         """The map thread."""
@@ -200,13 +248,13 @@ class MapLoop:
             self.gave_up = True
             self._stopper.request(f"{failures} steps failed in a row; the last: {last_failure}")
 
-    def _hand_out(self, delta: GraphDelta | None, snapshot: GraphSnapshot) -> None:
+    def _hand_out(self, delta: GraphDelta | None, snapshot: GraphSnapshot, stored: Mailbox[str] | None = None) -> None:
         self.snapshot.set(snapshot)
         if delta is None:
             return
-        arrays = self._pipeline.arrays()
-        changed = {node.id: arrays[node.id] for node in delta.instances if node.id in arrays}
-        self._outbox.put(Publication(delta, snapshot, changed))
+        found = {node.id: self._pipeline.find_arrays(node.id) for node in delta.instances}
+        changed = {node_id: arrays for node_id, arrays in found.items() if arrays is not None}
+        self._outbox.put(Publication(delta, snapshot, changed, self._pipeline.take_record(), stored))
 
     def _finish(self) -> None:
         """What the slower stages have not looked at yet: at a pause and at a clean stop."""
@@ -215,6 +263,15 @@ class MapLoop:
             self._hand_out(result.delta, result.snapshot)
         except Exception:  # all steps before are safe, and the next frame or the stop goes on
             _log.error("settling the map failed", exc_info=True)
+
+
+def _once_stored(stored: Mailbox[str], result: T, timeout_s: float) -> T:
+    problem = stored.get(timeout_s)
+    if problem is None:
+        problem = f"writing takes longer than {timeout_s:g} s"
+    if problem:
+        raise StoreError(f"done, but not on disk yet ({problem}): irsd goes on trying; irsctl status tells")
+    return result
 
 
 def _losses(counters: Mapping[str, int]) -> dict[str, int]:

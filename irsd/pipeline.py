@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
-from irsd.core.types import CameraView, InstanceState, MapUpdate, Rooms, SyncedFrame
-from irsd.graph.builder import GraphBuilder, footprint_of
-from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays, InstanceNode
+from irsd.core.types import CameraView, MapUpdate, Prototype, Rooms, SyncedFrame
+from irsd.graph.builder import GraphBuilder
+from irsd.graph.edits import Record, Request
+from irsd.graph.footprints import footprint_of
+from irsd.graph.model import Edit, GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.graph.scene_graph import SceneGraph, number_of
+from irsd.graph.store import StoredMap
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
 from irsd.lookout import Lookout
@@ -73,12 +76,15 @@ class MapPipeline:
         self._graph = SceneGraph(map_id=map_id, frame=frame)
         self._rooms: Rooms | None = None
         self._graph_due_ns = 0
+        self._stamp_ns = 0
         self._lookout = None if eyes is None else Lookout(eyes, settings.lift)
         self._sweeps_without_rooms = 0
+        self._over: tuple[int, ...] = ()
 
     def step(self, frame: SyncedFrame) -> StepResult:
         """Take one frame through every stage that is due."""
         ms: dict[str, float] = {}
+        self._stamp_ns = frame.stamp_ns
 
         # 1. The scan into the voxel map and the plan.
         with _timed(ms, "mapping"):
@@ -135,21 +141,65 @@ class MapPipeline:
         return self._graph.snapshot()
 
     def arrays(self) -> Mapping[str, InstanceArrays]:
-        """Points and embeddings of all instances by id; a copy that later steps don't change."""
+        """Points and embeddings of all instances by id; a copy that later steps don't change. Costs a look at each."""
         return self._builder.all_arrays()
 
-    def restore(self, snapshot: GraphSnapshot, arrays: Mapping[str, InstanceArrays]) -> None:
+    def find_arrays(self, instance_id: str) -> InstanceArrays | None:
+        """Points and embedding of one instance, None when there is none."""
+        return self._builder.find_arrays(instance_id)
+
+    # ------------------------------------------------------------------------------------------------ operators
+    def edit(self, request: Request) -> tuple[Edit, GraphDelta]:
+        """What an operator asks for, at once, and the step of the graph that holds it. EditError when it can't be done."""
+        return self._applied(*self._builder.edit(request, self._stamp_ns, self._memory.take_id))
+
+    def undo(self) -> tuple[Edit, GraphDelta]:
+        """Takes back the last edit that stands. EditError when none does."""
+        return self._applied(*self._builder.undo(self._stamp_ns))
+
+    def edits(self) -> tuple[Edit, ...]:
+        """The journal, undone edits included, oldest first."""
+        return self._builder.edits
+
+    def prototypes(self) -> tuple[Prototype, ...]:
+        """What operators taught and did not let be forgotten."""
+        return self._builder.prototypes()
+
+    def take_record(self) -> Record:
+        """What the steps since the last call leave on disk beside their deltas."""
+        return self._builder.take_record({"I": self._memory.next_id, "R": self._room_stage.next_id})
+
+    def restore(self, stored: StoredMap) -> None:
         """Take up a stored graph, before the first step: ids, rooms and instances go on; the voxels are seen anew.
 
         The caller answers for the frame: the robot's odometry must start where it started when the graph was made.
         """
-        self._builder.restore(snapshot, arrays)
+        snapshot = stored.snapshot
+        self._builder.restore(snapshot, stored.arrays, stored.edits, stored.taught, stored.beneath)
         self._graph = SceneGraph.from_snapshot(snapshot)
+        self._stamp_ns = snapshot.stamp_ns
         self._room_stage.restore(
             [number_of(room.id) for room in snapshot.rooms], [footprint_of(room) for room in snapshot.rooms]
         )
-        there = [node for node in snapshot.instances if node.id in arrays and node.state != "gone"]
-        self._memory.restore([_state(node, arrays[node.id]) for node in there])
+        self._room_stage.reserve(stored.next_ids.get("R", 1))
+        states = self._builder.states_beneath()
+        self._memory.restore([state for state in states if state.state != "gone"])
+        self._memory.reserve(max([stored.next_ids.get("I", 1), *(number_of(n.id) + 1 for n in snapshot.instances)]))
+        # What was told of as gone has no one left who would end it.
+        self._over = tuple(state.id for state in states if state.state == "gone")
+
+    def go_on_from(self, seq: int) -> None:
+        """The graph of now counts as revision ``seq``: it takes the place of another one."""
+        self._builder.seq = seq
+        self._graph = SceneGraph.from_snapshot(replace(self._graph.snapshot(), seq=seq))
+
+    def learn(self, taught: Mapping[int, Prototype]) -> None:
+        """What was taught on earlier maps, for a map that begins."""
+        self._builder.learn(taught)
+
+    def _applied(self, edit: Edit, delta: GraphDelta) -> tuple[Edit, GraphDelta]:
+        self._graph.apply(delta)
+        return edit, delta
 
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
@@ -184,26 +234,13 @@ class MapPipeline:
         with _timed(ms, "fusion"):
             self._memory.follow_rooms(self._rooms)
             instances = self._memory.collect(stamp_ns)
+            if self._over:
+                instances, self._over = replace(instances, ended=(*self._over, *instances.ended)), ()
         with _timed(ms, "graph"):
             delta = self._builder.build(self._rooms, instances, stamp_ns)
             if delta is not None:
                 self._graph.apply(delta)
         return delta
-
-
-def _state(node: InstanceNode, arrays: InstanceArrays) -> InstanceState:
-    return InstanceState(
-        id=number_of(node.id),
-        points_map=arrays.points_map,
-        embedding=arrays.embedding,
-        labels=node.labels,
-        room=number_of(node.room) if node.room else 0,
-        observations=node.observations,
-        existence=node.existence,
-        first_seen_ns=node.first_seen_ns,
-        last_seen_ns=node.last_seen_ns,
-        state=node.state,
-    )
 
 
 @contextmanager

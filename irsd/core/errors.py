@@ -3,6 +3,7 @@
 IrsdError
  +- ConfigError      a setting is unknown, of the wrong type or out of range
  +- DecodeError      sensor bytes that are not what their key says
+ +- EditError        an operator's edit or command can't be done
  +- ModelError       a model file is missing, altered or breaks its contract
  |   +- RunCancelledError  a run was told to stop before its end
  +- StoreError       the state on disk can't be read or written
@@ -20,6 +21,10 @@ class ConfigError(IrsdError):
 
 class DecodeError(IrsdError):
     """A message's bytes can't be what its type says. The message is counted and dropped."""
+
+
+class EditError(IrsdError):
+    """An operator's edit or command can't be done as asked."""
 
 
 class ModelError(IrsdError):

@@ -284,3 +284,16 @@ class InstanceUpdate:
     changed: tuple[InstanceState, ...]
     ended: tuple[int, ...]
     merged: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Prototype:
+    """What an operator taught: a name and what the thing looked like, an example by which the next one can be recognised.
+
+    points_m: float32 [N, 3], N <= 512: x, y about the middle of the thing in plan (the map's axes), z above the floor.
+    embedding: float32 [D], unit length, of the encoder of its time, or None.
+    """
+
+    name: str
+    points_m: NDArray[np.float32]
+    embedding: NDArray[np.float32] | None

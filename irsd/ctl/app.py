@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from irsd.ctl.editing import EDITING
 from irsd.ctl.link import Target
 from irsd.ctl.models import models
 
@@ -230,6 +231,8 @@ def rooms(map_file: Path, resolution_m: float | None, out: Path, as_json: bool) 
 
 # ------------------------------------------------------------------------------------------------------------- others
 cli.add_command(models)
+for command in EDITING:
+    cli.add_command(command)
 
 
 @cli.group()

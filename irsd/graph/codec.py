@@ -23,9 +23,11 @@ from irsd.graph.model import (
     SCHEMA_VERSION,
     BuildingNode,
     DoorEdge,
+    Edit,
     GraphDelta,
     GraphSnapshot,
     InstanceNode,
+    Place,
     RoomNode,
 )
 
@@ -40,6 +42,7 @@ _NAMES: Mapping[type[Any], str] = types.MappingProxyType(
         RoomNode: "graph/room",
         DoorEdge: "graph/door",
         InstanceNode: "graph/instance",
+        Edit: "edit",
     }
 )
 _NODE_OF_LETTER: Mapping[str, type[Any]] = types.MappingProxyType(
@@ -47,7 +50,7 @@ _NODE_OF_LETTER: Mapping[str, type[Any]] = types.MappingProxyType(
 )
 
 _HINTS: Mapping[type[Any], dict[str, Any]] = types.MappingProxyType(
-    {kind: typing.get_type_hints(kind) for kind in _NAMES}
+    {kind: typing.get_type_hints(kind) for kind in (*_NAMES, Place)}
 )
 _DTYPES = frozenset(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64))
 _DTYPES |= {"float16", "float32", "float64", "bool"}
@@ -92,6 +95,16 @@ def node_from_json(payload: bytes | str) -> Node:
         raise DecodeError(f"id = {document.get('id')!r}: a node's id starts with B, R, D or I")
     node: Node = _from_headed(kind, document)
     return node
+
+
+def edit_to_json(edit: Edit, *, seq: int, frame: str) -> bytes:
+    """One line of the journal; seq: the revision of the graph that holds its effect, or its undoing."""
+    return _dump(_headed(edit, seq, frame))
+
+
+def edit_from_json(payload: bytes | str) -> Edit:
+    """Inverse of ``edit_to_json``. DecodeError names the field that is wrong."""
+    return _from_headed(Edit, _load(payload))
 
 
 def rooms_document(snapshot: GraphSnapshot) -> list[dict[str, Any]]:

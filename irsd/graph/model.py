@@ -79,6 +79,36 @@ class InstanceNode:
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """Where a node was: corners of its box, its outline in plan (rooms only), and what perception called it. Map frame."""
+
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+    label: str
+    polygon_xy: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """One line of the journal. number: counts from 1, never used twice.
+
+    others: of a merge, the things that become part of the target; of a split, the id of the part beyond the plane.
+    plane: (nx, ny, nz, d) of a split: points with n . p >= d (map frame, metres) are the new part.
+    places: where the target, and then the others of a merge, stood. stamp_ns: sensor time. undone: it counts no more.
+    """
+
+    number: int
+    kind: str
+    target: str
+    name: str
+    others: tuple[str, ...]
+    plane: tuple[float, float, float, float] | None
+    places: tuple[Place, ...]
+    stamp_ns: int
+    undone: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class GraphSnapshot:
     """The whole graph at one revision. Nodes are sorted by the number in their id."""
 

@@ -1,25 +1,39 @@
 """The map on disk: one SQLite file (WAL) in the state directory. One step of the graph is one transaction.
 
-A process that is killed at any instant loses at most the step in flight: what ``load`` gives is always the state after some step.
+A process that is killed at any instant loses at most the step in flight: what ``load`` gives is always the state after some step,
+with the edits that this step holds. A whole map goes from file to file in one transaction too.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import sqlite3
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.errors import DecodeError, StoreError
-from irsd.graph.codec import Node, delta_from_json, delta_to_json, node_from_json, node_to_json
+from irsd.core.types import Prototype
+from irsd.graph.codec import (
+    Node,
+    delta_from_json,
+    delta_to_json,
+    edit_from_json,
+    edit_to_json,
+    node_from_json,
+    node_to_json,
+)
+from irsd.graph.edits import Beneath, Record
 from irsd.graph.model import (
     DoorEdge,
+    Edit,
     GraphDelta,
     GraphSnapshot,
     InstanceArrays,
@@ -29,23 +43,47 @@ from irsd.graph.model import (
 )
 
 FILE_NAME = "map.sqlite"
-STORE_VERSION = 1
+STORE_VERSION = 2
 _APPLICATION = 0x49525344  # "IRSD": tells our files from other SQLite files
-_TABLES = """
-CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE node (id TEXT PRIMARY KEY, number INTEGER NOT NULL, document BLOB NOT NULL);
-CREATE TABLE array (id TEXT PRIMARY KEY, points BLOB NOT NULL, count INTEGER NOT NULL, embedding BLOB);
-CREATE TABLE step (seq INTEGER PRIMARY KEY, document BLOB NOT NULL);
-"""
+_ARRAY = "id TEXT PRIMARY KEY, points BLOB NOT NULL, count INTEGER NOT NULL, embedding BLOB"
+_LAYOUT_1 = (
+    "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
+    "CREATE TABLE node (id TEXT PRIMARY KEY, number INTEGER NOT NULL, document BLOB NOT NULL)",
+    f"CREATE TABLE array ({_ARRAY})",
+    "CREATE TABLE step (seq INTEGER PRIMARY KEY, document BLOB NOT NULL)",
+)
+_LAYOUT_2 = (
+    "CREATE TABLE edit (number INTEGER PRIMARY KEY, document BLOB NOT NULL)",
+    f"CREATE TABLE beneath ({_ARRAY}, document BLOB NOT NULL)",
+    "CREATE TABLE prototype (number INTEGER PRIMARY KEY, name TEXT NOT NULL, "
+    "points BLOB NOT NULL, count INTEGER NOT NULL, embedding BLOB)",
+    "CREATE TABLE geometry (key TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID",
+)
+_MIGRATIONS: Mapping[int, tuple[str, ...]] = MappingProxyType({0: _LAYOUT_1, 1: _LAYOUT_2})
+"""What makes the next layout of each; layout 0 is an empty file."""
+_TABLES = ("meta", "node", "array", "step", "edit", "beneath", "prototype", "geometry")
+_OF_THE_MAP = ("meta", "node", "array", "step", "edit", "beneath", "geometry")  # what was taught outlives it
 NodeT = TypeVar("NodeT", RoomNode, DoorEdge, InstanceNode)
+
+
+_NO_RECORD = Record()
 
 
 @dataclass(frozen=True, slots=True)
 class StoredMap:
-    """Everything needed to go on: the graph at its last step, and points and embedding of each instance by id."""
+    """Everything needed to go on: the graph at its last step, points and embedding of each instance by id, and what operators said.
+
+    edits: the journal. beneath: by id, what perception says of things that are told otherwise. next_ids: first free number by letter.
+    geometry: what a scan is compared with to tell whether this is the place, by name. taught: see ``Store.prototypes``.
+    """
 
     snapshot: GraphSnapshot
     arrays: Mapping[str, InstanceArrays]
+    edits: tuple[Edit, ...] = ()
+    beneath: Mapping[str, Beneath] = field(default_factory=dict)
+    next_ids: Mapping[str, int] = field(default_factory=dict)
+    geometry: Mapping[str, bytes] = field(default_factory=dict)
+    taught: Mapping[int, Prototype] = field(default_factory=dict)
 
 
 class Store:
@@ -55,7 +93,7 @@ class Store:
         """Opens or makes the file. keep_steps: length of the log of deltas.
 
         Raises StoreError, which says what to do, when the directory can't be written, when another process has the file open, when the
-        file is damaged, or when another version of irsd wrote it.
+        file is damaged, or when a later version of irsd wrote it. A file of an earlier layout is brought to this one.
         """
         self.path = Path(directory) / FILE_NAME
         self._keep_steps = keep_steps
@@ -75,23 +113,33 @@ class Store:
         found = self._number("PRAGMA user_version"), self._number("PRAGMA application_id")
         if found == (0, 0) and not self._number("SELECT count(*) FROM sqlite_master"):
             self._db.execute("PRAGMA journal_mode = WAL")
-            with self._transaction():
-                for statement in filter(str.strip, _TABLES.split(";")):
-                    self._db.execute(statement)
-                self._db.execute(f"PRAGMA user_version = {STORE_VERSION}")
-                self._db.execute(f"PRAGMA application_id = {_APPLICATION}")
+            self._migrate(0)
         elif found[1] != _APPLICATION:
             raise StoreError(f"{self.path} is a database of another program: give irsd a state directory of its own")
-        elif found[0] != STORE_VERSION:
+        elif found[0] not in _MIGRATIONS and found[0] != STORE_VERSION:
             raise StoreError(
-                f"{self.path} was written in layout {found[0]}, this irsd reads layout {STORE_VERSION}: "
+                f"{self.path} was written in layout {found[0]}, this irsd reads layouts 1 to {STORE_VERSION}: "
                 "run the irsd that wrote it, or move the file away to start an empty map"
             )
+        elif found[0] != STORE_VERSION:
+            self._migrate(found[0])
         # NORMAL: a commit survives the death of the process; a power cut may take the last steps, never the file.
         self._db.execute("PRAGMA synchronous = NORMAL")
+        foreign = self._number("SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')")
+        if foreign:
+            raise sqlite3.DatabaseError("it holds views or triggers, which irsd never makes")
         verdict = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
         if verdict != "ok":
             raise sqlite3.DatabaseError(verdict)
+
+    def _migrate(self, layout: int) -> None:
+        """From one layout to this one's, all or nothing."""
+        with self._transaction():
+            for number in range(layout, STORE_VERSION):
+                for statement in _MIGRATIONS[number]:
+                    self._db.execute(statement)
+            self._db.execute(f"PRAGMA user_version = {STORE_VERSION}")
+            self._db.execute(f"PRAGMA application_id = {_APPLICATION}")
 
     def close(self) -> None:
         """Folds the log into the file and gives it free."""
@@ -100,9 +148,14 @@ class Store:
 
     # ------------------------------------------------------------------------------------------------ writing
     def append(
-        self, delta: GraphDelta, arrays: Mapping[str, InstanceArrays], *, building_name: str = "building"
+        self,
+        delta: GraphDelta,
+        arrays: Mapping[str, InstanceArrays],
+        record: Record = _NO_RECORD,
+        *,
+        building_name: str = "building",
     ) -> None:
-        """One step: its nodes, the arrays of the instances that changed, and the delta itself, all or nothing.
+        """One step: its nodes, the arrays of the instances that changed, the delta itself and its record, all or nothing.
 
         Raises StoreError when the step does not follow on the last one or is of another map.
         """
@@ -122,15 +175,67 @@ class Store:
                     self._db.execute("INSERT OR REPLACE INTO array VALUES (?, ?, ?, ?)", (node_id, *_packed(value)))
                 self._db.execute("INSERT INTO step VALUES (?, ?)", (delta.seq, delta_to_json(delta)))
                 self._db.execute("DELETE FROM step WHERE seq <= ?", (delta.seq - self._keep_steps,))
+                self._write_record(record, delta)
                 meta = {"seq": delta.seq, "stamp_ns": delta.stamp_ns, "map_id": delta.map_id, "frame": delta.frame}
-                rows = [(key, str(value)) for key, value in {**meta, "building": building_name}.items()]
+                ids = {f"next_{letter}": number for letter, number in record.next_ids.items()}
+                rows = [(key, str(value)) for key, value in {**meta, **ids, "building": building_name}.items()]
                 self._db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
 
-    def clear(self) -> None:
-        """Forget the map: an empty store, ready for another."""
+    def _write_record(self, record: Record, delta: GraphDelta) -> None:
+        for edit in record.edits:
+            document = edit_to_json(edit, seq=delta.seq, frame=delta.frame)
+            self._db.execute("INSERT OR REPLACE INTO edit VALUES (?, ?)", (edit.number, document))
+        for number, example in record.prototypes.items():
+            packed = _packed(InstanceArrays(example.points_m, example.embedding))
+            self._db.execute("INSERT OR REPLACE INTO prototype VALUES (?, ?, ?, ?, ?)", (number, example.name, *packed))
+        for node_id, value in record.beneath.items():
+            self._db.execute("DELETE FROM beneath WHERE id = ?", (node_id,))
+            if value is not None:
+                document = node_to_json(value[0], seq=delta.seq, frame=delta.frame)
+                self._db.execute("INSERT INTO beneath VALUES (?, ?, ?, ?, ?)", (node_id, *_packed(value[1]), document))
+
+    def keep_geometry(self, name: str, value: bytes) -> None:
+        """What scans are compared with after the next start, under its name; replaces the last one."""
         with self._explained(), self._transaction():
-            for table in ("meta", "node", "array", "step"):
+            self._db.execute("INSERT OR REPLACE INTO geometry VALUES (?, ?)", (name, value))
+
+    def clear(self, keep_prototypes: frozenset[int] = frozenset()) -> None:
+        """Forget the map: an empty store, ready for another. keep_prototypes: examples by number that outlive it."""
+        with self._explained(), self._transaction():
+            for table in _OF_THE_MAP:
                 self._db.execute(f"DELETE FROM {table}")
+            kept = ",".join(str(int(n)) for n in sorted(keep_prototypes))
+            self._db.execute(f"DELETE FROM prototype WHERE number NOT IN ({kept})")
+
+    # ------------------------------------------------------------------------------------------------ whole maps
+    def save_as(self, path: Path) -> None:
+        """The map as a file of its own; it appears whole or not at all, and replaces what had the name."""
+        partial = path.with_name(f".{path.name}.part")
+        with self._explained():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial.unlink(missing_ok=True)
+            self._db.execute("VACUUM INTO ?", (str(partial),))
+            with partial.open("rb") as stream:
+                os.fsync(stream.fileno())
+            partial.replace(path)
+
+    def replace_by(self, path: Path, seq: int, delta: GraphDelta) -> None:
+        """The map of another file instead of this one, from now on at revision ``seq``, in one transaction. delta: what tells of it.
+
+        The file must be in this layout (``prepared``).
+        """
+        with self._explained():
+            self._db.execute("ATTACH ? AS other", (str(path),))
+            try:
+                with self._transaction():
+                    for table in _TABLES:
+                        self._db.execute(f"DELETE FROM main.{table}")
+                        self._db.execute(f"INSERT INTO main.{table} SELECT * FROM other.{table}")
+                    self._db.execute("DELETE FROM step")
+                    self._db.execute("INSERT INTO step VALUES (?, ?)", (seq, delta_to_json(delta)))
+                    self._db.execute("UPDATE meta SET value = ? WHERE key = 'seq'", (str(seq),))
+            finally:
+                self._db.execute("DETACH other")
 
     def _check_follows(self, delta: GraphDelta) -> None:
         meta = self._meta()
@@ -165,7 +270,31 @@ class Store:
                 instances=_of(InstanceNode, nodes),
             )
             known = {node.id for node in snapshot.instances}
-            return StoredMap(snapshot, {row[0]: _unpacked(*row[1:]) for row in rows if row[0] in known})
+            return StoredMap(
+                snapshot,
+                {row[0]: _unpacked(*row[1:]) for row in rows if row[0] in known},
+                tuple(edit_from_json(row[0]) for row in self._db.execute("SELECT document FROM edit ORDER BY number")),
+                self._beneath(),
+                {key[5:]: int(value) for key, value in meta.items() if key.startswith("next_")},
+                dict(self._db.execute("SELECT key, value FROM geometry").fetchall()),
+                self.prototypes(),
+            )
+
+    def prototypes(self) -> dict[int, Prototype]:
+        """What was ever taught, by the number of its edit, of earlier maps too."""
+        with self._explained():
+            rows = self._db.execute("SELECT number, name, points, count, embedding FROM prototype ORDER BY number")
+            found = {number: (name, _unpacked(*rest)) for number, name, *rest in rows.fetchall()}
+            return {n: Prototype(name, value.points_map, value.embedding) for n, (name, value) in found.items()}
+
+    def _beneath(self) -> dict[str, Beneath]:
+        out: dict[str, Beneath] = {}
+        for node_id, *packed, document in self._db.execute("SELECT * FROM beneath ORDER BY id").fetchall():
+            node = node_from_json(document)
+            if not isinstance(node, InstanceNode):
+                raise DecodeError(f"beneath {node_id} lies no thing")
+            out[node_id] = (node, _unpacked(*packed))
+        return out
 
     def steps(self, after_seq: int = 0) -> tuple[GraphDelta, ...]:
         """The deltas in the log with seq > after_seq, oldest first; older ones may have been dropped."""
@@ -214,7 +343,8 @@ def _packed(value: InstanceArrays) -> tuple[bytes, int, bytes | None]:
 
 
 def _unpacked(points: bytes, count: int, embedding: bytes | None) -> InstanceArrays:
-    planes = np.frombuffer(zlib.decompress(points), np.uint8).reshape(4, count * 3)
+    # No more than was promised: a short blob can hold gigabytes of zeros.
+    planes = np.frombuffer(zlib.decompressobj().decompress(points, 12 * count + 1), np.uint8).reshape(4, count * 3)
     cloud: NDArray[np.float32] = np.ascontiguousarray(planes.T).view("<f4").reshape(count, 3).astype(np.float32)
     if embedding is None:
         return InstanceArrays(cloud, None)

@@ -56,6 +56,20 @@ class InstanceMemory:
     def __len__(self) -> int:
         return len(self._roster)
 
+    @property
+    def next_id(self) -> int:
+        """The number that the next instance gets."""
+        return self._roster.next_id
+
+    def reserve(self, next_id: int) -> None:
+        """Numbers below this one are not given out."""
+        self._roster.next_id = max(self._roster.next_id, next_id)
+
+    def take_id(self) -> int:
+        """A number that no instance has or will get."""
+        self._roster.next_id += 1
+        return self._roster.next_id - 1
+
     # ------------------------------------------------------------------------------------------------ observing
     def observe(self, view: CameraView, lifted: LiftedView, rooms: Rooms | None) -> None:
         """Fuse one picture's masks. rooms: the rooms as known now; None or room 0 = unknown, which restricts nothing."""

@@ -61,6 +61,15 @@ class RoomStage:
         self._restored = tuple(zip(ids, footprints, strict=True))
         self._ids.reserve(ids)
 
+    @property
+    def next_id(self) -> int:
+        """The number that the next new room gets."""
+        return self._ids.next_id
+
+    def reserve(self, next_id: int) -> None:
+        """Numbers below this one are not given out."""
+        self._ids.reserve([next_id - 1])
+
     def follow(self, source: PlanSource, robot_xy: tuple[float, float] | None = None) -> Rooms:
         """Rooms after one more scan: looks at the plan every few calls, works when enough of it has changed, and then one step of
         the work in each call."""

@@ -71,6 +71,11 @@ class IdSource:
         self._next += 1
         return self._next - 1
 
+    @property
+    def next_id(self) -> int:
+        """The id that comes next."""
+        return self._next
+
     def reserve(self, ids: Sequence[int]) -> None:
         """New ids will be higher than these."""
         self._next = max([self._next, *(i + 1 for i in ids)])

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from irsd.core.errors import StoreError
-from irsd.graph.model import GraphDelta, InstanceArrays, InstanceNode, RoomNode
+from irsd.graph.edits import Record
+from irsd.graph.model import Edit, GraphDelta, InstanceArrays, InstanceNode, RoomNode
 from irsd.graph.scene_graph import SceneGraph
-from irsd.graph.store import FILE_NAME, Store
+from irsd.graph.store import FILE_NAME, STORE_VERSION, Store
 
+FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
 PER_STEP = 5  # instances that one step touches
 
 
@@ -125,6 +127,33 @@ def test_another_version_says_what_to_do(tmp_path: Path) -> None:
     db.close()
     with pytest.raises(StoreError, match=r"layout 99.*move the file away"):
         Store(tmp_path)
+
+
+def test_a_store_of_layout_1_is_brought_to_this_one(tmp_path: Path) -> None:
+    """The fixture was written by irsd before layout 2: all of it is there, edits can be added, and the file says so."""
+    with sqlite3.connect(tmp_path / FILE_NAME) as db:
+        db.executescript((FIXTURES / "store_v1.sql").read_text())
+    db.close()
+    store = Store(tmp_path)
+    stored = store.load()
+    assert stored is not None
+    assert [node.label for node in stored.snapshot.instances] == ["television", "chair", "table"]
+    assert stored.snapshot.instances[1].observations == 5
+    assert [room.id for room in stored.snapshot.rooms] == ["R1", "R2"]
+    assert stored.arrays["I3"].points_map.shape == (12, 3)
+    assert (stored.edits, stored.beneath, stored.next_ids, stored.geometry, stored.taught) == ((), {}, {}, {}, {})
+    assert [delta.seq for delta in store.steps()] == [1, 2]
+    edit = Edit(1, "rename", "I3", "telly", (), None, (), 7)
+    store.append(GraphDelta(3, 900, "0123456789ab", "map", (), (), (), (), ()), {}, Record((edit,)))
+    store.close()
+    store = Store(tmp_path)
+    again = store.load()
+    store.close()
+    assert again is not None
+    assert again.edits == (edit,)
+    with sqlite3.connect(tmp_path / FILE_NAME) as db:
+        assert db.execute("PRAGMA user_version").fetchone() == (STORE_VERSION,)
+    db.close()
 
 
 def test_a_database_of_someone_else_is_left_alone(tmp_path: Path) -> None:

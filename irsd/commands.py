@@ -1,0 +1,106 @@
+"""What operators ask of a running irsd: ``irs/<robot>/cmd/<name>``, each a question with a JSON object and a JSON answer.
+
+A command that changes the map is answered once its effect is on disk. Whoever may ask these keys is an operator: see the
+access-control examples for telling operators from viewers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from irsd.core.errors import EditError
+from irsd.graph.codec import edit_to_json
+from irsd.graph.edits import Request
+from irsd.graph.model import Edit
+from irsd.io.keys import RobotKeys
+from irsd.io.session import Handle, Query, Session
+from irsd.maploop import MapLoop
+
+_MAX_BYTES = 65_536
+
+Answer = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+class EditCommands:
+    """``cmd/edit``, ``cmd/undo`` and ``cmd/edits``."""
+
+    def __init__(self, session: Session, keys: RobotKeys, loop: MapLoop) -> None:
+        self._loop = loop
+        answers: tuple[tuple[str, Answer], ...] = (
+            ("edit", self._edit),
+            ("undo", self._undo),
+            ("edits", self._list),
+        )
+        self._handles = [declared(session, keys.command(name), answer) for name, answer in answers]
+
+    def close(self) -> None:
+        """Answers no more."""
+        for handle in self._handles:
+            handle.close()
+
+    def _edit(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """{"kind", "target", "name"?, "others"?} -> {"edit", "seq"}."""
+        others = asked.pop("others", [])
+        if not isinstance(others, list) or not all(isinstance(i, str) for i in others):
+            raise EditError("others: must be a list of ids")
+        request = Request(text(asked, "kind"), text(asked, "target", ""), text(asked, "name", ""), tuple(others))
+        nothing_more(asked)
+        return self._loop.change(lambda pipeline: _told(*pipeline.edit(request)))
+
+    def _undo(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """{} -> {"edit", "seq"}: the edit that was taken back."""
+        nothing_more(asked)
+        return self._loop.change(lambda pipeline: _told(*pipeline.undo()))
+
+    def _list(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """{} -> {"edits"}: the journal, oldest first."""
+        nothing_more(asked)
+        edits, graph = self._loop.call(lambda pipeline: (pipeline.edits(), pipeline.snapshot()))
+        return {"edits": [_document(edit, graph.seq, graph.frame) for edit in edits]}
+
+
+def _told(edit: Edit, delta: Any) -> tuple[dict[str, Any], Any]:
+    return {"edit": _document(edit, delta.seq, delta.frame), "seq": delta.seq}, delta
+
+
+def _document(edit: Edit, seq: int, frame: str) -> dict[str, Any]:
+    return dict(json.loads(edit_to_json(edit, seq=seq, frame=frame)))
+
+
+# ---------------------------------------------------------------------------------------------------------- questions
+def declared(session: Session, key: str, answer: Answer) -> Handle:
+    """Answers JSON objects with JSON objects; what is wrong with a question becomes an error reply."""
+
+    def handle(query: Query) -> None:
+        query.reply(key, json.dumps(answer(read_question(query.payload))).encode())
+
+    return session.queryable(key, handle)
+
+
+def read_question(payload: bytes) -> dict[str, Any]:
+    """The object that a question holds; nothing means an empty one. EditError for anything else."""
+    if len(payload) > _MAX_BYTES:
+        raise EditError(f"a command has at most {_MAX_BYTES} bytes, this one {len(payload)}")
+    try:
+        asked = json.loads(payload or b"{}")
+    except (ValueError, RecursionError) as error:
+        raise EditError(f"a command is a JSON object: {error}") from error
+    if not isinstance(asked, dict):
+        raise EditError("a command is a JSON object")
+    return asked
+
+
+def text(asked: dict[str, Any], name: str, default: str | None = None) -> str:
+    """Takes a text out of a question. EditError when it is absent (and has no default) or no text."""
+    value = asked.pop(name, default)
+    if not isinstance(value, str):
+        raise EditError(f"{name}: {'is missing' if value is None else 'must be text'}")
+    return value
+
+
+def nothing_more(asked: Mapping[str, Any]) -> None:
+    """EditError when a question holds what its command does not know."""
+    if asked:
+        raise EditError(f"unknown: {', '.join(str(name)[:40] for name in asked)}")
