@@ -7,21 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from irsd.perception.shape import POINTS
 from training import sweethome
 from training.clouds import measured, placed, seen
 from training.furniture.collection import draw
-
-POINTS = 256
-
-
-def mount_of(entry: sweethome.Entry) -> str:
-    """Where a catalogue's model belongs, from its elevation, height and name."""
-    name = entry.name.lower()
-    if any(word in name for word in ("ceiling", "pendant", "chandelier", "hanging")):
-        return "ceiling"
-    if entry.elevation_m > 0.05:
-        return "wall"
-    return "top" if max(entry.size_m) < 0.45 else "floor"
 
 
 def cloud_of(triangles, mount, bottom_m, rng):
@@ -53,7 +42,7 @@ def main() -> None:
                 cache[k] = sweethome.triangles(entry)
             if not len(cache[k]) or len(cache[k]) > 150_000:
                 continue
-            found = cloud_of(cache[k], mount_of(entry), entry.elevation_m, rng)
+            found = cloud_of(cache[k], sweethome.mount_of(entry), entry.elevation_m, rng)
             name = "sh3d:" + entry.name
         else:
             model = draw(rng)

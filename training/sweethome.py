@@ -71,6 +71,28 @@ def _catalogue(path: Path, member: str) -> list[Entry]:
     return found
 
 
+def mount_of(entry: Entry) -> str:
+    """Where a catalogue's model belongs, from its elevation, height and name."""
+    name = entry.name.lower()
+    if any(word in name for word in ("ceiling", "pendant", "chandelier", "hanging")):
+        return "ceiling"
+    if entry.elevation_m > 0.05:
+        return "wall"
+    return "top" if max(entry.size_m) < 0.45 else "floor"
+
+
+def collection(cache: Path, max_triangles: int) -> list[tuple[Entry, NDArray[np.float32]]]:
+    """All indoor models of at most max_triangles, read once and kept in a file (reading .obj text takes minutes)."""
+    indoor = [entry for entry in entries() if entry.category not in OUTDOORS]
+    if not cache.exists():
+        solids = [triangles(entry) for entry in indoor]
+        part = cache.with_suffix(".part.npz")
+        np.savez(part, **{f"m{k}": solid for k, solid in enumerate(solids) if 0 < len(solid) <= max_triangles})
+        part.rename(cache)
+    with np.load(cache) as kept:
+        return [(entry, kept[f"m{k}"]) for k, entry in enumerate(indoor) if f"m{k}" in kept]
+
+
 def triangles(entry: Entry) -> NDArray[np.float32]:
     """float32 [T, 3, 3], metres, front +x, standing on z = 0, scaled to the catalogue's size."""
     with zipfile.ZipFile(entry.archive) as archive:

@@ -146,6 +146,23 @@ class SyncedFrame:
 
 # --------------------------------------------------------------------------------------- mapping
 @dataclass(frozen=True, slots=True)
+class MapBlock:
+    """Voxels of the map and what geometry knows of each; one frame for all, z up, metres.
+
+    points float32 [N, 3]; normals float32 [N, 3], unit, towards where they were seen from, zero = not known; surface float32
+    [N, 3], centroid of the patch around; levels float32 [N, 4]: height of floor and ceiling there (inf: not known), how far point
+    and patch lie in front of the nearest wall line that faces as the patch does (NaN: none near); geometry uint8 [N],
+    ``Structure`` by geometry alone.
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    surface: NDArray[np.float32]
+    levels: NDArray[np.float32]
+    geometry: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
 class MapUpdate:
     """What one scan changed. rows: int32 [M], the voxel rows that were touched (see ``mapping.voxels.VoxelMap``).
 

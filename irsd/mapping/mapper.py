@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from irsd.core.geometry import Pose, invert
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
-from irsd.core.types import CameraModel, MapUpdate, PlanEvidence, Structure, SyncedFrame
+from irsd.core.types import CameraModel, MapBlock, MapUpdate, PlanEvidence, Structure, SyncedFrame
 from irsd.mapping import frustum, kernels
 from irsd.mapping.floors import Floors, FloorSettings
 from irsd.mapping.network import NetworkSettings, StructureModel, StructureVotes
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
 from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines
-from irsd.mapping.structure_kernels import in_wall_band, label_points
+from irsd.mapping.structure_kernels import in_wall_band, label_points, surroundings
 from irsd.mapping.voxels import VoxelMap, VoxelSettings
 
 
@@ -148,12 +148,28 @@ class Mapper:
 
     def _voted(self, base: NDArray[np.float64]) -> NDArray[np.int32]:
         """The voxels that the network has just voted on, when there is one and it was due."""
-        if self._votes is None:
+        if self._votes is None or not self._votes.due():
             return np.zeros(0, np.int32)
-        end = self.voxels.row_count
-        return self._votes.look(self.voxels.mean[:end], self.voxels.hits[:end], base).astype(np.int32)
+        rows = self._votes.chosen(self.voxels.rows_within(*self._votes.box(base)))
+        self._votes.vote(rows, self.block(rows), base, self.voxels.row_count)
+        return rows
 
     # ------------------------------------------------------------------------------------------------ reading
+    def block(self, rows: NDArray[np.int32]) -> MapBlock:
+        """What geometry knows of the voxels in rows [N], map frame."""
+        coarse = self.voxels.coarse[rows]
+        points, surface = self.voxels.mean.take(rows, 0), self.voxels.surface.take(coarse, 0)
+        normals = self.voxels.normal.take(coarse, 0)
+        levels, walls, limits = self.level_map.tiles(self.levels), self.walls.tiles, self.settings.structure.limits
+        base = np.zeros(3)
+        return MapBlock(
+            points,
+            normals,
+            surface,
+            surroundings(points, surface, normals, levels, walls),
+            label_points(points, surface, normals, levels, walls, base, limits),
+        )
+
     def plan_evidence(self) -> PlanEvidence:
         """The map from above, for room segmentation. Costs a pass over the grid."""
         frame, layers = self.grid.layers()

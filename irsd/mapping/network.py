@@ -1,30 +1,29 @@
 """A network's opinion of what voxels are part of: a slot for a point network with the role that OneFormer3D has in the paper.
 
-Every few scans the points of the block of side N around the robot, cut out with a KD-tree, go through the network; its class per
-point is a vote of that voxel. Many votes outweigh one bad look, and where nothing was voted geometry decides alone.
+Every few scans the voxels of the block of side N around the robot go through the network; its class per voxel is a vote. Many votes
+outweigh one bad look, and where nothing was voted geometry decides alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from irsd.core.settings import setting
-from irsd.core.types import Structure
+from irsd.core.types import MapBlock, Structure
 
 _CLASSES = len(Structure)
 _MOVED_M = 0.1  # a row whose point is farther than this from where it was voted on is another voxel by now
 
 
 class StructureModel(Protocol):
-    """Points in, what each is part of out."""
+    """Voxels in, what each is part of out."""
 
-    def classify(self, points: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """``Structure`` values uint8 [N] of points float32 [N, 3], metres, relative to the robot, z up."""
+    def classify(self, block: MapBlock) -> NDArray[np.uint8]:
+        """``Structure`` values uint8 [N] of a block's N voxels, positions relative to the robot."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,9 @@ class NetworkSettings:
     model: str = setting("", "path of an ONNX point network for structure labels; empty: geometry alone")
     block_m: float = setting(8.0, "side N of the block of points around the robot", lo=1.0, hi=100.0)
     every_scans: int = setting(10, "the network runs once in this many scans", lo=1, hi=10_000)
-    max_points: int = setting(50_000, "points per run; of more, every n-th is taken", lo=100, hi=10_000_000)
+    max_points: int = setting(
+        30_000, "voxels per run; of more, every n-th is taken, others each time", lo=100, hi=10_000_000
+    )
     votes: int = setting(2, "votes from which a voxel's label is the network's", lo=1, hi=100)
 
 
@@ -46,37 +47,41 @@ class StructureVotes:
         self._votes = np.zeros((0, _CLASSES), np.uint8)
         self._at = np.zeros((0, 3), np.float32)
         self._scans = 0
+        self._turn = 0
 
-    def look(
-        self, mean: NDArray[np.float32], hits: NDArray[np.float32], base: NDArray[np.float64]
-    ) -> NDArray[np.int64]:
-        """One scan later: runs the network when it is due, and returns the rows [M] that were voted on.
-
-        mean: float32 [rows, 3], point of every voxel row; hits: float32 [rows], 0 where the row is not used; base: robot, [3].
-        """
+    def due(self) -> bool:
+        """One scan later: whether the network is to run."""
         self._scans += 1
-        if (self._scans - 1) % self._settings.every_scans:
-            return np.zeros(0, np.int64)
-        used = np.flatnonzero(hits > 0)
-        if not len(used):
-            return used
-        inside = cKDTree(mean[used]).query_ball_point(base, self._settings.block_m / 2, p=np.inf, return_sorted=True)
-        rows = used[np.asarray(inside, np.int64)]
-        rows = rows[:: max(-(-len(rows) // self._settings.max_points), 1)]
+        return (self._scans - 1) % self._settings.every_scans == 0
+
+    def box(self, base: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Lowest and highest corner [3] of the block around the robot at base [3]."""
+        half = self._settings.block_m / 2
+        return (base - half).astype(np.float32), (base + half).astype(np.float32)
+
+    def chosen(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Of the block's rows those for this run: every n-th where there are too many, others each time."""
+        step = max(-(-len(rows) // self._settings.max_points), 1)
+        self._turn += 1
+        return rows[self._turn % step :: step]
+
+    def vote(self, rows: NDArray[np.int32], block: MapBlock, base: NDArray[np.float64], row_count: int) -> None:
+        """Ask the network about voxel rows [M], which block describes (map frame), and count its votes. base [3]: the robot."""
         if not len(rows):
-            return rows
-        points = mean[rows]
-        classes = self._model.classify((points - base).astype(np.float32))
+            return
+        shift = base.astype(np.float32)
+        levels = block.levels - np.array([shift[2], shift[2], 0, 0], np.float32)
+        near = replace(block, points=block.points - shift, surface=block.surface - shift, levels=levels)
+        classes = self._model.classify(near)
         if classes.shape != (len(rows),) or classes.max(initial=0) >= _CLASSES:
             raise ValueError(
                 f"the structure network gave {classes.shape} up to {classes.max(initial=0)} for {len(rows)} points"
             )
-        self._reserve(len(mean))
-        self._forget_moved(rows, points)
-        self._at[rows] = points
+        self._reserve(row_count)
+        self._forget_moved(rows, block.points)
+        self._at[rows] = block.points
         votes = self._votes[rows, classes]
         self._votes[rows, classes] = votes + (votes < 255)
-        return rows
 
     def labels(
         self, rows: NDArray[np.integer], points: NDArray[np.float32], geometry: NDArray[np.uint8]

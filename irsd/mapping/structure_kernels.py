@@ -300,6 +300,34 @@ def _in_wall(tiles: WallTiles, point: Singles, patch: Singles, normal: Singles, 
     return False
 
 
+@kernel
+def surroundings(points: Singles, surface: Singles, normals: Singles, levels: LevelTiles, walls: WallTiles) -> Singles:
+    """[N, 4] of points [N, 3] on patches with centroid surface [N, 3] and normal [N, 3] (zero = not known).
+
+    Floor and ceiling height there (ceiling inf: not known); how far the point and its patch lie in front of the nearest wall line that
+    faces as the patch does (NaN: none near).
+    """
+    out = np.empty((len(points), 4), np.float32)
+    for i in range(len(points)):
+        x, y = float(points[i, 0]), float(points[i, 1])
+        out[i, 0], out[i, 1] = _levels_at(levels, x, y)
+        out[i, 2], out[i, 3] = np.nan, np.nan
+        row, col = _cell(walls.plan, x, y)
+        if row < 0:
+            continue
+        unknown = normals[i, 0] == 0 and normals[i, 1] == 0
+        nearest = np.inf
+        for nx, ny, offset, valid in walls.fits[row, col]:
+            own = nx * x + ny * y - offset
+            if valid == 0 or abs(own) >= nearest:
+                continue
+            if unknown or nx * normals[i, 0] + ny * normals[i, 1] > 0.7 * np.hypot(normals[i, 0], normals[i, 1]):
+                nearest = abs(own)
+                out[i, 2] = own
+                out[i, 3] = nx * surface[i, 0] + ny * surface[i, 1] - offset
+    return out
+
+
 # ---------------------------------------------------------------------------------------------------- labels
 @kernel
 def label_points(

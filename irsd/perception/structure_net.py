@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.errors import ModelError
-from irsd.core.types import Structure
+from irsd.core.types import MapBlock, Structure
 from irsd.perception.models import Session
 
 _INPUT, _OUTPUT = "points", "logits"
@@ -21,9 +21,10 @@ class PointNetwork:
     def __init__(self, path: Path, *, threads: int = 1) -> None:
         self._session = Session(path, threads=threads, inputs=(_INPUT,), outputs=(_OUTPUT,))
 
-    def classify(self, points: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """``Structure`` values uint8 [N] of points float32 [N, 3]. ModelError when the network gives anything else."""
-        (logits,) = self._session.run({_INPUT: np.ascontiguousarray(points, np.float32)}, (_OUTPUT,))
+    def classify(self, block: MapBlock) -> NDArray[np.uint8]:
+        """``Structure`` values uint8 [N] of a block's N points. ModelError when the network gives anything else."""
+        points = np.ascontiguousarray(block.points, np.float32)
+        (logits,) = self._session.run({_INPUT: points}, (_OUTPUT,))
         if logits.shape != (len(points), len(Structure)):
             raise ModelError(f"{self._session.path.name}: {_OUTPUT} has shape {logits.shape} for {len(points)} points")
         return np.asarray(logits.argmax(1), np.uint8)

@@ -9,6 +9,7 @@ import pytest
 from tiny_onnx import node, tensor, value_info, write
 
 from irsd.core.errors import ModelError
+from irsd.core.types import MapBlock
 from irsd.perception.structure_net import PointNetwork
 
 
@@ -23,11 +24,16 @@ def write_model(path: Path, weights: np.ndarray, output: str = "logits") -> Path
     )
 
 
+def block(points: np.ndarray) -> MapBlock:
+    n = len(points)
+    return MapBlock(points, np.zeros_like(points), points, np.zeros((n, 4), np.float32), np.zeros(n, np.uint8))
+
+
 def test_the_class_of_a_point_is_the_highest_of_its_logits(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     weights = rng.normal(size=(3, 6)).astype(np.float32)
     points = rng.normal(size=(50, 3)).astype(np.float32)
-    found = PointNetwork(write_model(tmp_path / "net.onnx", weights)).classify(points)
+    found = PointNetwork(write_model(tmp_path / "net.onnx", weights)).classify(block(points))
     np.testing.assert_array_equal(found, (points @ weights).argmax(1))
     assert found.dtype == np.uint8
 
@@ -37,6 +43,6 @@ def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
         PointNetwork(write_model(tmp_path / "a.onnx", np.zeros((3, 6)), "scores"))
     few = PointNetwork(write_model(tmp_path / "b.onnx", np.zeros((3, 4))))
     with pytest.raises(ModelError, match="shape"):
-        few.classify(np.zeros((2, 3), np.float32))
+        few.classify(block(np.zeros((2, 3), np.float32)))
     with pytest.raises(ModelError):
         PointNetwork(tmp_path / "absent.onnx")
