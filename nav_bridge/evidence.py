@@ -179,17 +179,21 @@ class Knowledge:
             [{ATTRIBUTES[t] for t in fold(name).split() if t in ATTRIBUTES} for name in index.names] if wanted else []
         )
         floors = np.array([room.floor_z_m for room in index.graph.rooms] + [0.0])[index.room[rows]]
-        for group, value in wanted:
+        for said, value in wanted:
+            group = said.removeprefix("not ")
             if group == "size":
                 continue  # sizes are compared between candidates
-            so = self._told(index, [(group, value) in said for said in told])[rows]
+            if said != group:
+                scores *= np.where(self._told(index, [(group, value) in names for names in told])[rows], 0.1, 1.0)
+                continue
+            so = self._told(index, [(group, value) in names for names in told])[rows]
             if group == "place":
                 factor = np.where(self.places.leads_out(rows, index), 1.0, 0.1)
             elif value in _BY_HEIGHT:
                 stands = on_floor(index.boxes.take(rows), floors)
                 factor = np.where(so, 1.0, np.maximum(0.1, stands if _BY_HEIGHT[value] else 1.0 - stands))
             else:
-                other = self._told(index, [any(g == group for g, _ in said) for said in told])[rows]
+                other = self._told(index, [any(g == group for g, _ in names) for names in told])[rows]
                 factor = np.where(so, 1.0, np.where(other & (group == "colour"), 0.1, UNTOLD))
             scores *= factor
         return scores

@@ -19,7 +19,7 @@ from irsd.graph.model import GraphSnapshot, InstanceNode, RoomNode
 from nav_bridge.approach import in_polygon
 from nav_bridge.evidence import MATCH, Knowledge
 from nav_bridge.judge import label_or_id
-from nav_bridge.language import noun_phrase
+from nav_bridge.language_nouns import noun_phrase
 from nav_bridge.route import CostMap
 from nav_bridge.words import fold
 

@@ -26,7 +26,7 @@ class Names(Protocol):
 class Phrase:
     """A thing as named. name: the words of the noun, folded; head: its known ending, "" when the name is known or nothing is.
 
-    attributes: (group, canonical attribute), such as ("colour", "orange").
+    attributes: (group, canonical attribute), such as ("colour", "orange"); ("not colour", "orange") is one it must not have.
     """
 
     name: str
@@ -36,9 +36,9 @@ class Phrase:
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """How the goal lies to others. kind: near, at, on, under, above, front, behind, left, right, between, in, with, without, has_on,
-    has_under, nearest, farthest (with anchors), corner, middle, floor, wall, ceiling (without). room: the anchor is a room of this
-    name."""
+    """How the goal lies to others. kind: near, at, on, over (on or above), under, above, front, behind, left, right, between, in,
+    with, without, has_on, has_under, nearest, farthest (with anchors), corner, middle, floor, wall, ceiling (without). room: the
+    anchor is a room of this name."""
 
     kind: str
     anchors: tuple[Phrase, ...] = ()

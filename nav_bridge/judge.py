@@ -338,6 +338,7 @@ def _pair_fit(a: Boxes, b: Boxes, kind: str) -> Floats:
     fits: dict[str, Callable[[], Floats]] = {
         "at": lambda: rel.near(a, b, 0.3, 1.8),
         "on": lambda: rel.on(a, b),
+        "over": lambda: np.maximum(rel.on(a, b), rel.above(a, b)),  # where one word says both: sopra, encima, 上
         "has_on": lambda: rel.on(b, a),
         "in": lambda: np.maximum(rel.on(a, b), 0.6 * rel.near(a, b, 0.1, 0.6)),
         "under": lambda: rel.under(a, b),

@@ -7,19 +7,20 @@ resolver says not found.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 from nav_bridge import words as w
+from nav_bridge import words_carriers as c
 from nav_bridge.functions import Function, find_function
 from nav_bridge.goal import IT, GoalSpec, Names, Phrase, Relation
 from nav_bridge.language_cjk import parse_cjk
-from nav_bridge.language_ends import after_opener, find_language, strip_ends, strip_viewpoint
-from nav_bridge.words_attributes import ATTRIBUTES
+from nav_bridge.language_ends import after_opener, find_language, in_order, starts_relation, strip_ends, strip_viewpoint
+from nav_bridge.language_nouns import bare_name, noun_phrase
+from nav_bridge.words_attributes import ATTRIBUTES, OPPOSITES
 
 _MAX_NAME_WORDS = 5
-# Languages in which an adjective follows its noun.
-_NOUN_FIRST = ("fr", "es", "it")
 # Relations that are none when nothing stands before them: "nearest chair".
 _NEED_HEAD = ("of", "nearest", "farthest")
 
@@ -28,19 +29,30 @@ def parse(text: str, names: Names) -> GoalSpec:
     """The goal of a sentence. An empty sentence gives a goal without things."""
     folded = w.fold(text)
     language = find_language(folded)
-    spoken, seen_from = strip_viewpoint(folded.split(), language)
-    tokens = strip_ends(spoken, language)
     if language in ("zh", "ja"):
-        spec = parse_cjk(text, "".join(tokens), language, names)
-    else:
-        spec = _of_words(text, language, spoken, tokens, names)
-    return replace(spec, seen_from=seen_from)
+        spoken, seen_from = strip_viewpoint(folded.split(), language)
+        spec = parse_cjk(text, "".join(strip_ends(spoken, language, names)), language, names)
+        return replace(spec, seen_from=seen_from)
+    seen_from, clauses = "", [_rewritten(part).split() for part in re.split("[,;:]", text)]
+    for k, clause in enumerate(clauses):
+        clauses[k], eye = strip_viewpoint(clause, language, alone=len(clauses) == 1)
+        seen_from = seen_from or eye
+    return replace(_of_words(text, language, clauses, names), seen_from=seen_from)
 
 
-def _of_words(text: str, language: str, spoken: list[str], tokens: list[str], names: Names) -> GoalSpec:
+def _rewritten(text: str) -> str:
+    line = f" {w.fold(text)} "
+    for said, means in c.REWRITES.items():
+        line = line.replace(f" {said} ", f" {means} ")
+    return line
+
+
+def _of_words(text: str, language: str, clauses: list[list[str]], names: Names) -> GoalSpec:
+    spoken = [token for clause in clauses for token in clause]
+    tokens = in_order(clauses, language, names)
     # "I want to watch" opens a purpose, "I want to go to the" is a command.
     for opened in (after_opener(spoken), after_opener(tokens)):
-        if opened is not None and strip_ends(opened, language) == opened:
+        if opened is not None and strip_ends(opened, language, names) == opened:
             spec = _by_purpose(text, language, opened, names)
             if spec is not None:
                 return spec
@@ -70,34 +82,58 @@ def _things_of(function: Function) -> tuple[Phrase, ...]:
 
 
 def _known_phrase(tokens: Sequence[str], names: Names) -> bool:
-    bare = _bare(tokens).split()
+    bare = bare_name(tokens).split()
     tails = [" ".join(bare[k:]) for k in range(len(bare))]
     return any(names.known(t) or names.known_room(t) for t in tails) or bool(set(bare) & (w.CORNER | w.ME))
 
 
 def _by_name(text: str, language: str, tokens: list[str], names: Names) -> GoalSpec:
     head, segments = _split(tokens, language, names)
-    head, choice, rank = _choice(head)
+    head, choice, rank = _choice(head, names)
+    if (
+        choice in ("nearest", "farthest")
+        and len(cut := [k for k, t in enumerate(head) if t in ("to", "from") and k]) == 1
+    ):
+        # "the closest chair to the door"
+        head, segments = head[: cut[0]], [(choice, head[cut[0] + 1 :], False), *segments]
     room = ""
     if "s" in head[1:-1]:  # "the bedroom's TV"
         at = head.index("s")
-        owner = _bare(head[:at])
+        owner = bare_name(head[:at])
         if names.known_room(owner):
             room, head = owner, head[at + 1 :]
-    bare = _bare(head).split()
+    bare = bare_name(head).split()
     if not room and len(bare) > 1 and not names.known(" ".join(bare)):  # "bedroom TV"
         cuts = [
             k
             for k in range(len(bare) - 1, 0, -1)
             if names.known_room(" ".join(bare[:k])) and _has_known_tail(bare[k:], names)
         ]
+        whole = names.known_room(" ".join(bare))  # "server room"
+        tails = [
+            k
+            for k in range(1, 1 if whole else len(bare))
+            if names.known_room(" ".join(bare[k:])) and names.known(" ".join(bare[:k]))
+        ]
         if cuts:
             room, bare = " ".join(bare[: cuts[0]]), bare[cuts[0] :]
+        elif tails:  # "TV bedroom"
+            room, bare = " ".join(bare[tails[0] :]), bare[: tails[0]]
     spec = GoalSpec(text, language, (), room=room, choice=choice, rank=rank)
-    spec = _place(spec, segments, language, names)
+    spec = _place(spec, [s for s in segments if s[0] != _UNLIKE], language, names)
+    if spec.choice == "last":  # counted from the robot, or from a side
+        spec = replace(spec, choice="farthest")
     if bare and set(bare) <= w.BACK:
         return replace(spec, things=(Phrase(IT),))
     phrase = noun_phrase(bare, language, names)
+    unlike = [ATTRIBUTES[t] for kind, said, _ in segments if kind == _UNLIKE for t in said if t in ATTRIBUTES]
+    if unlike:
+        refused = tuple(
+            ("size", OPPOSITES[value]) if value in OPPOSITES else (f"not {group}", value) for group, value in unlike
+        )
+        phrase = replace(phrase, attributes=(*phrase.attributes, *refused))
+    if not phrase.name and _is_destination(spec):  # "park by the front door", "get close to the plant"
+        return replace(spec, things=spec.relations[0].anchors, relations=spec.relations[1:])
     only_command = not bare or any(tuple(bare) in w.COMMANDS[k] for k in (language, "en"))
     if spec.room and only_command and not spec.relations and not spec.choice:
         return replace(spec, room_is_goal=True)  # "drive into the kitchen"
@@ -107,16 +143,16 @@ def _by_name(text: str, language: str, tokens: list[str], names: Names) -> GoalS
     return replace(spec, things=(phrase,) if phrase.name else ())
 
 
+def _is_destination(spec: GoalSpec) -> bool:
+    """Whether a place without a thing is the place to go to: "next to the sofa"."""
+    if spec.room or not spec.relations:
+        return False
+    first = spec.relations[0]
+    return first.kind not in ("between", "without") and len(first.anchors) == 1 and not (first.negated or first.room)
+
+
 def _has_known_tail(tokens: Sequence[str], names: Names) -> bool:
     return any(names.known(" ".join(tokens[k:])) for k in range(len(tokens)))
-
-
-def _bare(tokens: Sequence[str]) -> str:
-    """The words after leading articles; articles inside a name stay ("mesa del comedor")."""
-    kept = list(tokens)
-    while len(kept) > 1 and kept[0] in w.ARTICLES:
-        kept = kept[1:]
-    return " ".join(kept)
 
 
 _ORDERS = (
@@ -125,30 +161,30 @@ _ORDERS = (
 )  # fmt: skip
 
 
-def _choice(head: list[str]) -> tuple[list[str], str, int]:
+def _choice(head: list[str], names: Names) -> tuple[list[str], str, int]:
     """(head without the words of choice, how to choose, which one)."""
-    choice, rank, kept = "", 1, []
-    most = False
+    choice, rank, most = "", 1, False
+    kept: list[str] = []
     for position, token in enumerate(head if len(head) > 1 else []):
         found = next((name for table, name in _ORDERS if token in table), "")
         group, value = ATTRIBUTES.get(token, ("", ""))
         if most and group == "size" and value in w.SUPERLATIVES:
             found = w.SUPERLATIVES[value]
         if found:
-            choice = found
-        elif token in w.ORDINALS:
+            choice = c.OTHER_SIDE.get(found, found) if choice == "last" else found
+        elif token in c.LAST and len(head) > 1:
+            choice = c.OTHER_SIDE.get(choice, "last")
+        elif token in w.ORDINALS and not names.known(" ".join(head[position:])):  # "first aid kit"
             rank, choice = w.ORDINALS[token], choice or "ordinal"
         elif token in w.INDEFINITE and position == 0:
             choice = choice or "any"
-        elif not (token in w.MOST and position > 0 and len(head) > 2):
-            kept.append(token)
+        elif not (token in w.MOST and position > 0 and len(head) > 2) and token not in kept[-1:]:
+            kept.append(token)  # once: "a chair, any chair"
         most = token in w.MOST
     if len(head) == 1:
         kept = list(head)
     while choice and len(kept) > 1 and (kept[-1] in w.ARTICLES or kept[-1] in w.SIDE):
         kept.pop()  # "la chaise la plus proche", "la chaise de gauche"
-    if kept[:2] == ["one", "of"]:
-        kept, choice = kept[2:], "any"
     return kept, choice, rank
 
 
@@ -160,33 +196,7 @@ def _side(kind: str, tokens: Sequence[str]) -> str:
     return "left" if said <= w.LEFT else "right" if said <= w.RIGHT else ""
 
 
-def noun_phrase(tokens: Sequence[str], language: str, names: Names) -> Phrase:
-    """Name, head and attributes of a noun phrase. The longest known name wins; attributes are only words that are known as such."""
-    phrase = _noun_phrase(tokens, language, names)
-    if phrase.name in w.OUTER_DOORS:
-        name = phrase.name if names.known(phrase.name) else "door"
-        return Phrase(name, "", (*phrase.attributes, ("place", "outside")))
-    return phrase
-
-
-def _noun_phrase(tokens: Sequence[str], language: str, names: Names) -> Phrase:
-    whole = _bare(tokens)
-    bare = whole.split()
-    attributes = tuple(dict.fromkeys(ATTRIBUTES[t] for t in bare if t in ATTRIBUTES))
-    if len(bare) < 2 or names.known(whole):
-        return Phrase(whole, "", attributes if len(bare) > 1 else ())
-    noun = [t for t in bare if t not in ATTRIBUTES]
-    if noun and names.known(" ".join(noun)):
-        return Phrase(" ".join(noun), "", attributes)
-    tails = [bare[k:] for k in range(1, len(bare))]
-    fronts = [bare[:k] for k in range(len(bare) - 1, 0, -1)]
-    for part in fronts + tails if language in _NOUN_FIRST else tails + fronts[:0]:
-        if names.known(" ".join(part)):
-            rest = bare[: -len(part)] if part == bare[-len(part) :] else bare[len(part) :]
-            if all(t in ATTRIBUTES for t in rest):
-                return Phrase(" ".join(part), "", attributes)
-            return Phrase(" ".join(noun or bare), " ".join(part), attributes)
-    return Phrase(" ".join(noun or bare), "", attributes if noun else ())
+_NO_NAME = w.INDEFINITE | w.LEFT | w.RIGHT  # of what a relation refers to: "on the left desk" is on a desk
 
 
 Segment = tuple[str, list[str], bool]
@@ -211,6 +221,12 @@ def _split(tokens: Sequence[str], language: str, names: Names) -> tuple[list[str
             negated, at = True, at + len(no)
             while at < len(tokens) and (tokens[at] in w.ARTICLES or tokens[at] in ("one", "ones")):
                 at += 1
+            if unlike := _attributes_only(tokens[at:], language):  # "that is not red", "but not the red one"
+                segments.append((_UNLIKE, list(tokens[at : at + unlike]), True))
+                negated, at = False, at + unlike
+            continue
+        if tokens[at] in _GENITIVE and head and not segments and all(t in _QUANTIFIERS for t in head):
+            at += 1  # "any of the chairs"
             continue
         match = next((row for row in table if tuple(tokens[at : at + len(row[0])]) == row[0]), None)
         if (
@@ -218,15 +234,36 @@ def _split(tokens: Sequence[str], language: str, names: Names) -> tuple[list[str
             and at + len(match[0]) < len(tokens) + (1 if segments else 0)
             and (any(t not in w.ARTICLES and t not in w.ORDINALS for t in head) or match[1] not in _NEED_HEAD)
         ):
+            while len(current) > 1 and current[-1] in c.ANDS:
+                current.pop()  # "near the window and next to the wardrobe"
+            negated = negated != (match[1] == "out")
             current = []
-            segments.append((match[1], current, negated))
+            segments.append(("in" if match[1] == "out" else match[1], current, negated))
             negated, at = False, at + len(match[0])
             continue
         current.append(tokens[at])
         at += 1
-    while len(head) > 1 and head[-1] in w.FILLERS and not names.known(_bare(head)):
+    loose = w.FILLERS | c.PARTICLES | w.ARTICLES
+    while len(head) > 1 and head[-1] in loose and not names.known(bare_name(head)):
         head.pop()
     return head, segments
+
+
+_UNLIKE = "unlike"  # a segment that holds the attributes a thing must not have
+_GENITIVE = w.words("of de des du del della dello dei delle из")
+_QUANTIFIERS = (
+    w.ARTICLES | w.INDEFINITE | w.ANY | w.NEAREST | w.FARTHEST | w.LARGEST | w.SMALLEST | frozenset(w.ORDINALS) | c.LAST
+)
+
+
+def _attributes_only(tokens: Sequence[str], language: str) -> int:
+    """How many of the words, up to a relation or the end, are attributes and nothing more; 0 when there is a noun among them."""
+    for size, token in enumerate(tokens):
+        if starts_relation(tokens[size:], language):
+            return size
+        if token not in ATTRIBUTES and token not in c.SHADES and token not in ("one", "ones"):
+            return 0
+    return len(tokens)
 
 
 def _name_at(tokens: Sequence[str], at: int, names: Names, language: str) -> int:
@@ -251,16 +288,17 @@ def _place(spec: GoalSpec, segments: Sequence[Segment], language: str, names: Na
         kind, tokens, negated = segments[position]
         following = segments[position + 1] if position + 1 < len(segments) else None
         position += 1
-        while len(tokens) > 1 and tokens[-1] in w.FILLERS and not names.known(_bare(tokens)):
+        side = _side(kind, tokens)
+        while len(tokens) > 1 and tokens[-1] in w.FILLERS and not names.known(bare_name(tokens)):
             tokens = tokens[:-1]
-        bare = _bare(tokens).split()
+        bare = bare_name(tokens).split()
         if kind == "with" and following and (not following[1] or set(following[1]) & w.PRONOUNS):
             position += 1
             kind = {"on": "has_on", "in": "has_on", "under": "has_under", "above": "under"}.get(following[0], "near")
         if set(bare) <= w.HERE:
             continue
-        if side := _side(kind, tokens):
-            choice = side
+        if side:
+            choice = c.OTHER_SIDE[side] if choice == "last" else side
         elif set(bare) & w.ME and kind in ("near", "nearest", "at", "of", "front"):
             choice = choice or "nearest"
         elif placed := _without_anchor(kind, bare, negated):
@@ -306,15 +344,14 @@ def _without_anchor(kind: str, bare: Sequence[str], negated: bool) -> Relation |
 
 
 def _relation(kind: str, bare: Sequence[str], negated: bool, language: str, names: Names) -> Relation:
-    ands = {"and", "und", "et", "y", "e", "и"}
     cut = (
-        next((k for k, t in enumerate(bare) if t in ands and 0 < k < len(bare) - 1), None)
+        next((k for k, t in enumerate(bare) if t in c.ANDS and 0 < k < len(bare) - 1), None)
         if kind == "between"
         else None
     )
     parts = [bare] if cut is None else [bare[:cut], bare[cut + 1 :]]
     anchors = tuple(
-        noun_phrase([t for t in part if t not in w.INDEFINITE] or list(part), language, names) for part in parts
+        noun_phrase([t for t in part if t not in _NO_NAME] or list(part), language, names) for part in parts
     )
     room = " ".join(bare) if names.known_room(" ".join(bare)) and not names.known(" ".join(bare)) else ""
     return Relation("without" if kind == "without" else kind, anchors, negated, room)

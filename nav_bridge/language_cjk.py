@@ -9,9 +9,26 @@ from nav_bridge import words as w
 from nav_bridge.functions import MARKERS, find_function
 from nav_bridge.goal import IT, GoalSpec, Names, Phrase, Relation
 from nav_bridge.words_attributes import ATTRIBUTES
+from nav_bridge.words_carriers import OTHER_SIDE
 
+_ONE = tuple(f"一{measure}" for measure in "个把张台只盏扇块件条")
 _CHOICES: tuple[tuple[str, str], ...] = (
-    *((word, "any") for word in ("任意一个", "任意", "随便一个", "一个", "一把", "一张", "一台", "どれか", "任意の")),
+    *((word, "last") for word in (*(f"最后{one}" for one in _ONE), "最后的", "最後の")),
+    *((f"{free}{one}", "any") for free in ("任意", "随便", "随意", "") for one in _ONE),
+    *(
+        (word, "any")
+        for word in (
+            "任意的",
+            "任意",
+            "随便",
+            "随意",
+            "どれでもいいから",
+            "どれでもいい",
+            "どれでも",
+            "どれか",
+            "任意の",
+        )
+    ),
     *((word, "nearest") for word in ("离我最近的", "最近的", "最も近い", "一番近い", "近くの")),
     *((word, "farthest") for word in ("最远的", "最も遠い", "一番遠い")),
     *((word, "largest") for word in ("最大的", "最大の", "最も大きい", "一番大きい")),
@@ -26,8 +43,15 @@ _DIGITS = {"一": 1, "二": 2, "三": 3, "四": 4, "五": 5}
 _NOT_IN = re.compile(
     "(?:不在|除了|不是)(?P<zh>.+?)(?:里面的|里的|里|中的|的)|(?P<ja>.+?)(?:以外の|ではない|じゃない|にない)"
 )
+# What must not be so: 不是红色的, 赤くない, 緑ではない.
+_UNLIKE = re.compile("(?:不是|非)(?P<zh>[^的]+?)的|(?P<ja>.+?)(?:くない|ではない|じゃない)")
+# The one nearest to something else: 离门最近的椅子, ドアに一番近い椅子.
+_TOWARDS = re.compile(
+    "(?:离|距离?)(?P<zh>[^我的]+?)最(?P<z>近|远)的|(?P<ja>.+?)(?:に|から)(?:一番|最も)(?P<j>近い|遠い)"
+)
 _BETWEEN = re.compile("(.+?)(?:和|与|跟|と)(.+?)[的の之]?(?:中间|中間|间|間)$")
 _JOINTS = {"zh": re.compile("的"), "ja": re.compile("の|にある|にいる|に置いてある|に置かれた|で")}
+_SIDES = {"左边": "left", "左侧": "left", "左": "left", "右边": "right", "右侧": "right", "右": "right"}
 _LOOSE = {"zh": ("在", "那个", "这个", "上的"), "ja": ("その", "あの", "この")}
 
 
@@ -39,6 +63,12 @@ def parse_cjk(text: str, line: str, language: str, names: Names) -> GoalSpec:
             return GoalSpec(
                 text, language, tuple(Phrase(t) for t in function.things), choice="any", function=function.name
             )
+    towards = _TOWARDS.match(line)
+    if towards is not None and towards.end() < len(line) and (towards["zh"] or towards["ja"]) not in w.ME:
+        anchor = Phrase(towards["zh"] or towards["ja"])
+        kind = "nearest" if (towards["z"] or towards["j"]) in ("近", "近い") else "farthest"
+        spec = parse_cjk(text, line[towards.end() :], language, names)
+        return replace(spec, relations=(*spec.relations, Relation(kind, (anchor,))))
     line, choice, rank = _choice(line)
     for word in _LOOSE[language]:
         if line.startswith(word) and len(word) < len(line):
@@ -53,6 +83,7 @@ def parse_cjk(text: str, line: str, language: str, names: Names) -> GoalSpec:
     no = _NOT_IN.match(line)
     if no is not None and no.end() < len(line) and names.known_room(room := (no["zh"] or no["ja"])):
         spec, line = replace(spec, not_rooms=(room,)), line[no.end() :]
+    spec, line = _unlike(spec, line)
     parts = _merge([p for p in _JOINTS[language].split(line) if p], language)
     for part in parts[:-1]:
         spec = _qualify(spec, part, names)
@@ -60,9 +91,33 @@ def parse_cjk(text: str, line: str, language: str, names: Names) -> GoalSpec:
     if room and not spec.room:
         spec = replace(spec, room=room)
     attributes, thing = _attributes(thing, names)
+    thing = _destination(thing, names)
     pending = tuple(a for r in spec.relations if r.kind == "attribute" for p in r.anchors for a in p.attributes)
     relations = tuple(r for r in spec.relations if r.kind != "attribute")
     return replace(spec, relations=relations, things=(_named(thing, (*pending, *attributes), names),))
+
+
+def _attribute_of(word: str) -> tuple[str, str] | None:
+    """The attribute that a word says; Japanese adjectives without their ending too (赤 of 赤くない)."""
+    return ATTRIBUTES.get(word) or ATTRIBUTES.get(f"{word}い")
+
+
+def _unlike(spec: GoalSpec, line: str) -> tuple[GoalSpec, str]:
+    """The goal with what a sentence begins with that the thing must not be, and the rest of the sentence."""
+    found = _UNLIKE.match(line)
+    so = _attribute_of(found["zh"] or found["ja"]) if found is not None else None
+    if found is None or so is None or found.end() == len(line):
+        return spec, line
+    refused = Phrase("", "", ((f"not {so[0]}", so[1]),))
+    return replace(spec, relations=(Relation("attribute", (refused,)),)), line[found.end() :]
+
+
+def _destination(thing: str, names: Names) -> str:
+    """A place without a thing is the thing to go to: 打印机旁边."""
+    if names.known(thing):
+        return thing
+    bases = (thing.removesuffix(word) for word, _ in w.SUFFIX_RELATIONS if thing.endswith(word))
+    return next((base for base in bases if names.known(base)), thing)
 
 
 def _named(thing: str, attributes: tuple[tuple[str, str], ...], names: Names) -> Phrase:
@@ -77,11 +132,17 @@ def _choice(line: str) -> tuple[str, str, int]:
     for word, name in _CHOICES:
         if word in line and len(word) < len(line):
             line, choice = line.replace(word, "", 1), choice or name
+    side = next((s for s in _SIDES if line.startswith(s)), "")
+    if choice == "last":
+        line = line[len(side) :].removeprefix("的")
+        choice = OTHER_SIDE[_SIDES[side]] if side else "farthest"
     found = _RANK.search(line)
     if found is not None and len(found[0]) < len(line):
         said = found[1] or found[2]
         rank, choice = _DIGITS.get(said) or int(said), choice or "ordinal"
         line = line.replace(found[0], "", 1)
+        if rank > 1 and choice == "ordinal" and side:  # 左边第二把椅子: counted from there
+            line, choice = line[len(side) :].removeprefix("的") or line, _SIDES[side]
     return line, choice, rank
 
 

@@ -21,14 +21,30 @@ from irsd.core.runtime import monotonic_s
 from irsd.core.settings import setting
 from nav_bridge import words as w
 from nav_bridge.goal import GoalSpec, Names, Phrase, Relation
-from nav_bridge.language import noun_phrase, parse
+from nav_bridge.language import parse
+from nav_bridge.language_nouns import noun_phrase
 
 _log = logging.getLogger(__name__)
 
 _MAX_ANSWER_BYTES = 100_000
 _MAX_QUERY = 500  # characters that are sent
 RELATIONS = (
-    *("near", "at", "on", "in", "under", "above", "front", "behind", "left", "right", "between", "with", "without"),
+    *(
+        "near",
+        "at",
+        "on",
+        "over",
+        "in",
+        "under",
+        "above",
+        "front",
+        "behind",
+        "left",
+        "right",
+        "between",
+        "with",
+        "without",
+    ),
     *("has_on", "has_under", "nearest", "farthest", "corner", "middle", "floor", "wall", "ceiling"),
 )
 _ALONE = ("corner", "middle", "floor", "wall", "ceiling")  # relations to the room and to no thing

@@ -35,13 +35,13 @@ def _phrases(table: Mapping[str, str]) -> Mapping[str, tuple[tuple[str, ...], ..
 # What is said before the goal and means no more than "go".
 COMMANDS = _phrases(
     {
-        "en": "go back | go back to | drive back to | return | return to | come back to | back to | go | go to | go over to | drive | drive to | navigate to | move to | head to | head over to | walk to | come to | travel to | "
+        "en": "all right | alright | go back | go back to | drive back to | return | return to | come back to | back to | go | go to | go over to | drive | drive to | navigate to | move to | head to | head over to | walk to | come to | travel to | "
         "find | find me | look for | search for | search | locate | show me | show | get to | get | get me to | bring me to | bring me | take me to | "
         "take me | guide me to | lead me to | fetch | where is | where s | where are | where can i find | where do i find | "
         "i want to go to | i want to see | i want | i d like to go to | i would like to go to | i need to go to | i need | i m looking for | "
         "i am looking for | we need | please | robot | hey robot | can you | could you | would you | will you | can you please | could you please | "
         "approach | visit | reach | stop at | park at | park next to | stand at | stand in front of | stand next to | stand by | position yourself at | is there | "
-        "are there | do we have | let s go to | now | then | ok | okay | hey | send the robot to | send it to | let the robot go to",
+        "are there | do we have | let s go to | now | then | ok | okay | hey | send the robot to | send it to | let the robot go to | enter | go into | drive into | there should be | there must be | there might be | there may be | there has to be",
         "de": "fahr zurück | fahr zurück zu | fahr zurück zum | fahr zurück zur | geh zurück zu | zurück zu | zurück zum | zurück zur | zu | zum | zur | nach | geh | gehe | geh zu | gehe zu | geh zum | gehe zum | geh zur | gehe zur | fahr | fahre | fahr zu | fahr zum | fahr zur | fahre zu | fahre zum | "
         "fahre zur | finde | such | suche | zeig mir | zeige mir | wo ist | wo sind | wo steht | wo hangt | bring mich zu | bring mich zum | bring mich zur | "
         "bringe mich zum | bringe mich zur | ich suche | ich brauche | bitte | navigiere zu | navigiere zum | navigiere zur",
@@ -50,25 +50,25 @@ COMMANDS = _phrases(
         "es": "ve | ve a | ve al | ir a | ir al | vaya a | vaya al | vamos a | vamos al | encuentra | busca | buscar | donde esta | donde estan | muestrame | "
         "llevame a | llevame al | llevame hasta | necesito | por favor | navega a | navega al | navega hasta | al",
         "it": "vai | vai a | vai al | vai alla | vai allo | vai all | vai verso | andare a | trova | cerca | dov e | dove e | dove si trova | dove sono | "
-        "mostrami | portami a | portami al | portami alla | portami allo | portami all | per favore | al | alla",
+        "mostrami | portami | portami a | portami al | portami alla | portami allo | portami all | per favore | al | alla",
         "ru": "иди к | иди ко | иди в | иди | поезжай к | поезжай ко | поезжай | езжай к | подойди к | подъезжай к | найди | найти | ищи | где | где находится | "
-        "где стоит | покажи | покажи мне | отвези меня к | отведи меня к | мне нужен | мне нужна | мне нужно | пожалуйста | к | ко",
-        "zh": "请 | 去 | 到 | 前往 | 走到 | 开到 | 移动到 | 导航到 | 导航去 | 找 | 找到 | 寻找 | 带我去 | 带我到 | 我要去 | 我想去 | 我要找 | 帮我找 | 给我找",
-        "ja": "ロボット",
+        "где стоит | покажи | покажи мне | отвези меня | отведи меня | отвези меня к | отведи меня к | мне нужен | мне нужна | мне нужно | пожалуйста | к | ко",
+        "zh": "请 | 把机器人开到 | 让机器人去 | 让机器人到 | 开车到 | 去 | 到 | 前往 | 走到 | 开到 | 移动到 | 导航到 | 导航去 | 找 | 找到 | 寻找 | 带我去 | 带我到 | 我要去 | 我想去 | 我要找 | 帮我找 | 给我找",
+        "ja": "ロボット | ロボットを | どうか",
     }
 )
 # What is said after the goal.
 TAILS = _phrases(
     {
         "en": "please | now | thanks | thank you | for me | right now | quickly",
-        "de": "bitte",
+        "de": "bitte | bringen | fahren | gehen | führen | kommen",
         "fr": "s il te plait | s il vous plait",
         "es": "por favor",
         "it": "per favore | per piacere",
         "ru": "пожалуйста",
         "zh": "在哪里 | 在哪儿 | 在哪 | 那里 | 那边 | 去 | 旁边去 | 吗 | 吧",
-        "ja": "まで行ってください | に行ってください | へ行ってください | まで行って | に行って | へ行って | まで移動して | に移動して | へ移動して | を探してください | を探して | "
-        "を見つけて | を見つけてください | はどこですか | はどこにありますか | はどこ | に連れて行って | へ連れて行って | まで連れて行って | に行く | へ行く | まで | へ",
+        "ja": "まで行ってください | に行ってください | へ行ってください | まで行って | に行って | へ行って | に行きたいです | に行きたい | へ行きたい | まで行きたい | まで移動して | に移動して | へ移動して | を探してください | を探して | "
+        "を見つけて | を見つけてください | はどこですか | はどこにありますか | はどこ | に連れて行って | へ連れて行って | まで連れて行って | に行く | へ行く | まで案内してください | まで案内して | に案内してください | に案内して | まで来て | に来て | まで進んで | の所へ行って | のところへ行って | まで | へ",
     }
 )
 # Words that tell a Latin-script language from another.
@@ -76,7 +76,7 @@ _MARKS = {
     "en": "i am me the a an to of with is my where next near at on under above beside between something somewhere please find go nearest any in for",
     "de": "links rechts der die das den dem des ein eine einen einer neben im am auf unter über vor hinter zwischen bei mit zum zur wo ist beim "
     "etwas nicht und kann ich der nähe von",
-    "fr": "gauche droite depuis vu vue plus le la les un une des du de dans sur sous près côté où est au aux devant derrière entre avec à quelque chose pour l d",
+    "fr": "dehors hors gauche droite depuis vu vue plus le la les un une des du de dans sur sous près côté où est au aux devant derrière entre avec à quelque chose pour l d",
     "es": "a izquierda derecha desde visto vista más hasta el la los las un una unos unas del de en sobre bajo debajo junto cerca lado dónde está delante detrás entre con al algo para encima",
     "it": "sinistra destra dalla dal visto vista più nell sull dell all dall nei il lo la gli le un una uno del della dello dei nel nella nello sul sulla sotto sopra accanto vicino davanti dietro tra fra con "
     "in di da al alla qualcosa per dove l",
@@ -114,15 +114,16 @@ _RELATIONS: Mapping[str, Mapping[str, str]] = {
         "ru": "справа от | правее | по правую сторону от",
     },
     "at": {"en": "at | belonging to | for | of | from", "de": "am | an | an der | an dem | zu | zum | vom | von", "ru": "за"},
-    "of": {"fr": "de | du | de la | de l | des | d", "es": "de | del | de la | de los", "it": "di | del | della | dello | dell | dei | da"},
+    "of": {"fr": "à partir de | de | du | de la | de l | des | d", "es": "desde | de | del | de la | de los", "it": "di | del | della | dello | dell | dei | da"},
     "on": {
         "en": "on | on top of | atop | upon | lying on | sitting on | standing on | onto",
         "de": "auf | oben auf",
         "fr": "sur | au dessus sur",
-        "es": "sobre | encima de | encima del",
-        "it": "su | sul | sulla | sullo | sull | sopra",
+        "es": "sobre",
+        "it": "su | sul | sulla | sullo | sull",
         "ru": "на",
     },
+    "over": {"es": "encima de | encima del", "it": "sopra | sopra di | sopra a | sopra al | sopra alla"},
     "under": {
         "en": "under | below | beneath | underneath",
         "de": "unter | unterhalb | unterhalb von | unterm",
@@ -136,7 +137,7 @@ _RELATIONS: Mapping[str, Mapping[str, str]] = {
         "de": "über | oberhalb | oberhalb von | überm",
         "fr": "au dessus de | au dessus du | au dessus des",
         "es": "por encima de | por encima del | arriba de | arriba del",
-        "it": "al di sopra di | al di sopra del | al di sopra della | sopra di",
+        "it": "al di sopra di | al di sopra del | al di sopra della",
         "ru": "над",
     },
     "front": {
@@ -164,7 +165,7 @@ _RELATIONS: Mapping[str, Mapping[str, str]] = {
         "it": "in | nel | nella | nello | nell | nei | dentro | all interno del | all interno della",
         "ru": "в | во | внутри",
     },
-    "with": {"en": "with | that has | which has | having | holding", "de": "mit", "fr": "avec", "es": "con", "it": "con", "ru": "с | со"},
+    "with": {"en": "with | where | where there is | that has | which has | having | holding", "de": "mit | wo", "fr": "avec | où", "es": "con | donde", "it": "con | dove", "ru": "с | со | где"},
     "without": {"en": "without", "de": "ohne", "fr": "sans", "es": "sin", "it": "senza", "ru": "без"},
     "nearest": {
         "en": "closest to | nearest to | nearest | closest",
@@ -174,7 +175,22 @@ _RELATIONS: Mapping[str, Mapping[str, str]] = {
         "it": "più vicino a | più vicina a | più vicino al | più vicina al | più vicino alla | più vicina alla | più vicina allo | più vicino allo",
         "ru": "ближе всего к | ближайший к | ближайшая к | ближайшее к | ближайшую к",
     },
-    "farthest": {"en": "farthest from | furthest from", "de": "am weitesten von | am weitesten vom", "fr": "le plus loin de | la plus éloignée de", "ru": "дальше всего от"},
+    "farthest": {
+        "en": "farthest from | furthest from | farthest away from | furthest away from | most distant from",
+        "de": "am weitesten von | am weitesten vom | am weitesten weg von | am weitesten weg vom | am weitesten entfernt von | am weitesten entfernt vom",
+        "fr": "le plus loin de | la plus loin de | le plus loin du | la plus loin du | le plus éloigné de | la plus éloignée de | le plus éloigné du | la plus éloignée du",
+        "es": "más lejos de | más lejos del | más alejado de | más alejada de | más alejado del | más alejada del",
+        "it": "più lontano da | più lontana da | più lontano dal | più lontana dal | più lontano dalla | più lontana dalla",
+        "ru": "дальше всего от | дальше всех от | самый дальний от | самая дальняя от | самое дальнее от",
+    },
+    "out": {
+        "en": "outside | outside of | out of",
+        "de": "außerhalb | außerhalb von | außerhalb der | außerhalb des",
+        "fr": "hors de | hors du | en dehors de | en dehors du | à l extérieur de | à l extérieur du",
+        "es": "fuera de | fuera del",
+        "it": "fuori da | fuori dal | fuori dalla | fuori dall | al di fuori di | al di fuori del | al di fuori della",
+        "ru": "вне | снаружи",
+    },
 }  # fmt: skip
 
 
@@ -194,11 +210,11 @@ SUFFIX_RELATIONS: tuple[tuple[str, str], ...] = tuple(
         (
             (word, kind)
             for kind, words in {
-                "near": "旁边 旁 附近 边上 隣 横 そば 近く 脇 となり",
+                "near": "旁边 旁 附近 边上 跟前 际 際 隣 横 そば 近く 脇 となり",
                 "left": "左边 左侧 左面 左 左側 左手",
                 "right": "右边 右侧 右面 右 右側 右手",
                 "between": "之间 中间 间 之間 間",
-                "on": "上面 上 うえ",
+                "over": "上面 上 うえ",
                 "under": "下面 底下 下 した",
                 "above": "上方 真上",
                 "front": "前面 前 对面 向かい まえ",
@@ -282,10 +298,10 @@ ARTICLES = words(
     "le la les l un une des mon ma mes du el los las unos unas mi il lo gli i uno una del della al alla той этот эта это"
 )
 INDEFINITE = words(
-    "a an any some anything something one either ein eine einen irgendein irgendeine un une uno una quelque algún alguna qualche какой-нибудь любой любая любое 任意 一个 どれか"
+    "a an any some one einer anything something one either ein eine einen irgendein irgendeine un une uno una quelque algún alguna qualche какой-нибудь любой любая любое 任意 一个 どれか"
 )
 ANY = words(
-    "any some whichever irgendein irgendeine irgendeinen quelconque algún alguna cualquier qualsiasi qualche любой любая любое любую"
+    "any some whichever irgendein irgendeine irgendeinen quelconque algún alguna cualquier cualquiera qualsiasi qualunque beliebig beliebige beliebiger beliebiges qualche любой любая любое любую"
 )
 NEAREST = words(
     "nearest closest nächste nächsten nächster nächstes nächstgelegene nächstgelegenen más-cercano cercano cercana ближайший ближайшая ближайшее ближайшую ближайшему proche vicino vicina"
@@ -334,14 +350,16 @@ BACK = words(
 )
 # Words between a thing and its relation that say nothing: "the lamp that is standing on ...".
 FILLERS = words(
-    "that which is are was stands standing hanging hangs hung located placed lying lies sitting sits mounted kept stored situated there you can see just directly right "
-    "immediately somewhere one der die das steht stehen hängt liegt qui est se trouve que está esta situado che si trova è который которая которое стоит висит лежит находится"
+    "entfernt ist sind weg away that which is are was isn aren t n ne stands standing hanging hangs hung located placed lying lies sitting sits mounted kept stored situated there you can see just directly right "
+    "immediately somewhere one der die das steht stehen hängt liegt qui est se trouve que está esté esta situado che si trova è который которая которое стоит висит лежит находится"
 )
 CORNER = words("corner ecke coin esquina rincón angolo углу угол 角落 角 隅")
 FLOOR = words("floor ground boden fußboden sol suelo piso pavimento terra полу пол 地板 地上 床")
 WALL = words("wall walls wand mur pared muro parete стене стена 墙 墙上 壁")
 CEILING = words("ceiling decke plafond techo soffitto потолке потолок 天花板 天井")
-HERE = words("room zimmer raum raumes zimmers pièce cuarto stanza комната комнаты комнате 房间 部屋")  # whichever it is
+HERE = words(
+    "room zimmer raum raumes zimmers pièce cuarto stanza комната комнаты комнате 房间 部屋 end ende bout fond final fondo fondo конце"
+)  # whichever it is
 MIDDLE = words("middle centre center mitte milieu medio centro середине")
 
 # Doors that have a room on one side only.

@@ -31,6 +31,10 @@ _SIZES = {
     "narrow": "narrow slim thin schmal schmale",
     "wide": "wide broad breit breite",
 }
+# Sizes are compared: what is not the small one is the large one.
+OPPOSITES: Mapping[str, str] = MappingProxyType(
+    {"small": "large", "large": "small", "tall": "low", "low": "tall", "narrow": "wide", "wide": "narrow"}
+)
 _KINDS = {
     "wooden": "wooden wood holz hölzern en-bois madera legno деревянный деревянная 木 木製",
     "metal": "metal steel iron metallic metall metallen métal acero metallo металлический",
@@ -51,6 +55,12 @@ _KINDS = {
 }
 
 
+def _shaded(text: str) -> list[str]:
+    """Some languages write a shade and its colour as one word: dunkelgrün, 深蓝色."""
+    shades = {True: ("hell", "dunkel"), False: ("深", "浅", "淡", "暗")}
+    return [shade + word for word in fold(text).split() for shade in shades[word.isascii()]]
+
+
 def _attribute_table() -> Mapping[str, tuple[str, str]]:
     groups = (("colour", _COLOURS), ("size", _SIZES), ("kind", _KINDS))
     return MappingProxyType(
@@ -58,7 +68,7 @@ def _attribute_table() -> Mapping[str, tuple[str, str]]:
             word: (group, name)
             for group, table in groups
             for name, text in table.items()
-            for word in fold(text.replace("-", "")).split()
+            for word in (*fold(text.replace("-", "")).split(), *(_shaded(text) if group == "colour" else ()))
         }
     )
 

@@ -23,8 +23,9 @@ _IRREGULAR = {
     "houses": "house", "cases": "case", "hoses": "hose", "purses": "purse", "lens": "lens", "series": "series",
     "gas": "gas", "bus": "bus", "canvas": "canvas", "atlas": "atlas", "iris": "iris", "chaos": "chaos", "yes": "yes",
 }  # fmt: skip
+# As folded: the breve of й is an accent, so that ой reads ои.
 _RUSSIAN_ENDING = re.compile(
-    r"(?:ого|его|ому|ему|ыми|ими|ами|ями|ой|ей|ую|юю|ая|яя|ые|ие|ый|ий|ых|их|ом|ем|ам|ям|ах|ях|а|я|у|ю|е|и|ы|о|ь|й)$"
+    r"(?:ого|его|ому|ему|ыми|ими|ами|ями|ои|еи|ую|юю|ая|яя|ые|ие|ыи|ии|ых|их|ом|ем|ам|ям|ах|ях|а|я|у|ю|е|и|ы|о|ь)$"
 )
 
 
