@@ -40,6 +40,22 @@ def status(target: Target, as_json: bool) -> int:
 
 
 @cli.command()
+@click.option(
+    "--config", type=click.Path(dir_okay=False, path_type=Path), help="irsd.yaml (default: what irsd would read)."
+)
+@click.option(
+    "--listen", "listen_s", default=3.0, show_default=True, type=click.FloatRange(0.1, 60.0), help="Seconds to listen."
+)
+@json_option
+@click.pass_obj
+def doctor(target: Target, config: Path | None, listen_s: float, as_json: bool) -> int:
+    """Look at everything that must be right before irsd can work, and say what to do about what is not."""
+    from irsd.ctl import doctor as checks
+
+    return checks.doctor(target, config, listen_s, as_json)
+
+
+@cli.command()
 @json_option
 @click.pass_obj
 def tree(target: Target, as_json: bool) -> int:

@@ -239,8 +239,13 @@ class Session:
     # -------------------------------------------------------------------------------------------------------- itself
     def neighbours(self) -> int:
         """How many other processes (peers, clients' hub, routers) this one is linked to now."""
+        return sum(len(ids) for ids in self.neighbour_ids())
+
+    def neighbour_ids(self) -> tuple[list[str], list[str]]:
+        """The zenoh ids of the (peers, routers) that this process is linked to now."""
         info = self._session.info
-        return int(self._do(lambda: len(info.peers_zid()) + len(info.routers_zid())))
+        found = self._do(lambda: (info.peers_zid(), info.routers_zid()))
+        return sorted(map(str, found[0])), sorted(map(str, found[1]))
 
     def counters(self) -> Mapping[str, int]:
         """callback_errors, callback_drops, query_errors, queries_refused, missed, unreadable: each only where it happened."""
