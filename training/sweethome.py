@@ -107,8 +107,12 @@ def triangles(entry: Entry) -> NDArray[np.float32]:
             index += [(corner[0], corner[k], corner[k + 1]) for k in range(1, len(corner) - 1)]
     if not index:
         return np.empty((0, 3, 3), np.float32)
-    solid = np.array(vertices)[np.array(index)]
-    solid = solid[..., [2, 0, 1]]  # obj: x right, y up, z to the viewer = front
+    return upright(np.array(vertices)[np.array(index)], entry)
+
+
+def upright(solid: NDArray[np.float64], entry: Entry) -> NDArray[np.float32]:
+    """Triangles [T, 3, 3] of an .obj (x right, y up, z to the viewer = front) as everywhere here, at the catalogue's size."""
+    solid = solid[..., [2, 0, 1]]
     low, high = solid.reshape(-1, 3).min(0), solid.reshape(-1, 3).max(0)
     scale = np.array(entry.size_m) / np.maximum(high - low, 1e-6)
     centre = np.array([*((low + high) / 2)[:2], low[2]])
