@@ -2,9 +2,9 @@
 
 python -m training.render --seed S --scenes N --out DIR [--frames 8]
 
-Writes DIR/scene_SEED.npz, one per scene (an existing one is skipped: an interrupted run goes on where it stopped). Rays are cast by Embree
-(embreex). The map is the product's: turns of the LiDAR from several places, 4 cm voxels, projected and tested for occlusion by the code
-that irsd runs (``instances.lift.points_in_sight``).
+Writes DIR/scene_SEED.npz, one per scene (an existing one is skipped: an interrupted run goes on where it stopped). Rays are cast by
+Embree (embreex). The map is the product's: turns of the LiDAR from several places, 4 cm voxels, projected and tested for occlusion by
+the code that irsd runs (``instances.lift.points_in_sight``).
 """
 
 from __future__ import annotations
@@ -40,13 +40,16 @@ class Mesh:
         self._mesh = TriangleMesh(self._scene, np.ascontiguousarray(triangles, np.float32))
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]):
-        found = self._scene.run(np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32), output=1)
+        found = self._scene.run(
+            np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32), output=1
+        )
         triangle = np.asarray(found["primID"], np.int32)
         return np.where(triangle < 0, np.inf, found["tfar"]).astype(np.float32), triangle, found["u"], found["v"]
 
 
 @kernel
-def shade(range_m, triangle, bu, bv, directions, normals, uv, density, surface, textures, colours, gloss, glow, levels, lights, power, shadow, ambient, pixel_rad, origin):  # fmt: skip
+def shade(range_m, triangle, bu, bv, directions, normals, uv, density, surface, textures, colours, gloss, glow, levels, lights,
+power, shadow, ambient, pixel_rad, origin):  # fmt: skip
     """Light [N, 3], 0..1 as the surfaces send it: Lambert and a little gloss under point lights, textures at the level that fits.
 
     levels: the bank's textures of all levels in one array uint8 [K, SIDE, 2 * SIDE, 3], level l from column SIDE * (2 - 2 ** (1 - l)).
@@ -142,7 +145,9 @@ def lidar_map(scene: Scene, mesh: Mesh, spots: NDArray[np.float64], rng: Rng) ->
     xyz, owner, part = np.concatenate(points), np.concatenate(owners), np.concatenate(parts)
     drift = rng.normal(0, rng.choice([0.0, 0.01, 0.02]), 3) * np.array([1, 1, 0.3])
     xyz = xyz + drift
-    _, first, member = np.unique(np.floor(xyz / VOXEL_M).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    _, first, member = np.unique(
+        np.floor(xyz / VOXEL_M).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
     count = np.bincount(member.reshape(-1))
     mean = np.stack([np.bincount(member.reshape(-1), xyz[:, k]) / count for k in range(3)], -1)
     structural = np.isin(part[first], (WALL, FLOOR, CEILING))
@@ -245,7 +250,9 @@ def expose(scene: Scene, mesh: Mesh, lit: _Lit, levels, pose, camera: CameraMode
     k = 2 if rng.random() < 0.35 else 1  # rays per pixel along each side
     u, v = np.meshgrid((np.arange(WIDTH * k) + 0.5) / k - 0.5, (np.arange(HEIGHT * k) + 0.5) / k - 0.5)
     focal = camera.matrix[0, 0]
-    rays = np.stack([(u - camera.matrix[0, 2]) / focal, (v - camera.matrix[1, 2]) / focal, np.ones_like(u)], -1).reshape(-1, 3)
+    rays = np.stack(
+        [(u - camera.matrix[0, 2]) / focal, (v - camera.matrix[1, 2]) / focal, np.ones_like(u)], -1
+    ).reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     along = rays[:, 2].astype(np.float32)
     world = (rays @ pose[:3, :3].T).astype(np.float32)
@@ -259,7 +266,10 @@ def expose(scene: Scene, mesh: Mesh, lit: _Lit, levels, pose, camera: CameraMode
         way = (way / np.maximum(length, 1e-6)).astype(np.float32)
         block, _, _, _ = mesh.cast((seen + 0.01 * way).astype(np.float32), way)
         shadow = block < length[:, 0] - 0.05
-    rgb = shade(far, triangle, bu, bv, world, lit.normals, scene.uv, lit.density, scene.surface, lit.textures, lit.colours, lit.gloss, lit.glow, levels, lit.lights, lit.power, shadow, lit.ambient, np.float32(1 / focal / k), origin)  # fmt: skip
+    look_of = (lit.textures, lit.colours, lit.gloss, lit.glow, levels)
+    shape = (lit.normals, scene.uv, lit.density, scene.surface)
+    lamps = (lit.lights, lit.power, shadow, lit.ambient)
+    rgb = shade(far, triangle, bu, bv, world, *shape, *look_of, *lamps, np.float32(1 / focal / k), origin)
     picture = rgb.reshape(HEIGHT, k, WIDTH, k, 3).mean((1, 3))
     bright = max(float(np.quantile(picture, 0.92)), 0.05)
     picture = np.clip(picture / bright * rng.uniform(150, 265), 0, 255).astype(np.uint8)
@@ -279,7 +289,9 @@ def render_scene(seed: int, frames: int, textures: Bank, levels, models) -> dict
     if not len(spots) or not len(places):
         return None
     view_of = lidar_map(scene, mesh, spots, rng)
-    kept: dict[str, list] = {key: [] for key in ("jpeg", "jpeg_len", "thing", "part", "depth", "pixel", "pixel_len", "pose", "matrix")}
+    kept: dict[str, list] = {
+        key: [] for key in ("jpeg", "jpeg_len", "thing", "part", "depth", "pixel", "pixel_len", "pose", "matrix")
+    }
     settings = LiftSettings()
     for place in places:
         if len(kept["pose"]) == frames:
@@ -287,7 +299,11 @@ def render_scene(seed: int, frames: int, textures: Bank, levels, models) -> dict
         pose, camera = look(place, scene, rng)
         picture, thing, part, depth = expose(scene, mesh, lit, levels, pose, camera, rng)
         sizes = np.bincount(thing.reshape(-1))[1:]
-        if (sizes >= 100).sum() < (1 if rng.random() < 0.2 else 2) or np.median(depth) < 0.5 or sizes.max() > 0.75 * thing.size:
+        if (
+            (sizes >= 100).sum() < (1 if rng.random() < 0.2 else 2)
+            or np.median(depth) < 0.5
+            or sizes.max() > 0.75 * thing.size
+        ):
             continue
         view = CameraView(0, pose, camera, None, None)
         index, pixel, depth_m = points_in_sight(view, view_of.points, settings)

@@ -94,7 +94,11 @@ def surface(material: str, bank: Bank, rng: Rng) -> Surface:
     kind = str(rng.choice(kinds))
     texture = int(rng.choice(bank.of_kind[kind] or bank.of_kind["plain"]))
     own = kind in ("photograph", "drawing", "model", "stripes", "checks", "spines")
-    hsv = [rng.uniform(*hue) * 360, 0.0 if own else rng.uniform(*saturation), rng.uniform(0.5, 1.0) if own else rng.uniform(*value)]
+    hsv = [
+        rng.uniform(*hue) * 360,
+        0.0 if own else rng.uniform(*saturation),
+        rng.uniform(0.5, 1.0) if own else rng.uniform(*value),
+    ]
     colour = cv2.cvtColor(np.array([[hsv]], np.float32), cv2.COLOR_HSV2RGB)[0, 0]
     return Surface(texture, colour, gloss * rng.uniform(0, 1.3), glow * rng.uniform(0, 1.5))
 
@@ -120,7 +124,13 @@ def of_model(model: Model, bank: Bank, rng: Rng) -> Body:
         number.append(np.full(len(solid), len(surfaces), np.int32))
         surfaces.append(looks[material])
     return Body(
-        model.name, model.mount, model.bottom_m, np.concatenate(parts), np.concatenate(uv), np.concatenate(number), tuple(surfaces)
+        model.name,
+        model.mount,
+        model.bottom_m,
+        np.concatenate(parts),
+        np.concatenate(uv),
+        np.concatenate(number),
+        tuple(surfaces),
     )
 
 
@@ -169,7 +179,9 @@ def of_drawn(drawn: Drawn, bank: Bank, rng: Rng) -> Body:
             continue
         number = int(rng.choice(bank.of_kind["plain"])) if texture < 0 else first + texture
         own = (0.5, 0.5, 0.5) if texture >= 0 else colour
-        surfaces.append(Surface(number, np.clip(np.array(own) * turn, 0.02, 1).astype(np.float32), rng.uniform(0, 0.4), 0.0))
+        surfaces.append(
+            Surface(number, np.clip(np.array(own) * turn, 0.02, 1).astype(np.float32), rng.uniform(0, 0.4), 0.0)
+        )
     return Body(drawn.name, drawn.mount, drawn.bottom_m, drawn.triangles, drawn.uv, drawn.surface, tuple(surfaces))
 
 

@@ -64,7 +64,9 @@ class _Yard:
     def stand(self, body: Body, x: float, y: float, z: float, yaw: float, *, overlap: bool = False) -> bool:
         """The body at a place, unless it would stand in another thing."""
         c, s = np.cos(yaw), np.sin(yaw)
-        solid = body.triangles @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32).T + np.array([x, y, z], np.float32)
+        solid = body.triangles @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32).T + np.array(
+            [x, y, z], np.float32
+        )
         low, high = solid.reshape(-1, 3).min(0), solid.reshape(-1, 3).max(0)
         if not overlap and not self.free(low, high):
             return False
@@ -80,10 +82,7 @@ class _Yard:
         return True
 
     def free(self, low, high, gap: float = 0.02) -> bool:
-        for other_low, other_high in self.boxes:
-            if (low < other_high - gap).all() and (high > other_low + gap).all():
-                return False
-        return True
+        return not any((low < theirs[1] - gap).all() and (high > theirs[0] + gap).all() for theirs in self.boxes)
 
     def _add(self, solid, uv, number, looks, thing: int, part: int) -> None:
         self.triangles.append(solid)
@@ -102,8 +101,15 @@ def make_scene(bank: Bank, models: list[Drawn], rng: Rng) -> Scene:
     gap = None
     if rng.random() < 0.6:  # another room behind the wall at x = wide
         start = rng.uniform(-1.0, 0.5)
-        rooms.append((float(wide + 0.12), float(start), float(wide + 0.12 + rng.uniform(2.5, 5)), float(deep + rng.uniform(-0.5, 1.5))))
-        open_ = min(rng.choice([0.9, 0.9, 1.5, 3.0]), deep - 1.2)
+        rooms.append(
+            (
+                float(wide + 0.12),
+                float(start),
+                float(wide + 0.12 + rng.uniform(2.5, 5)),
+                float(deep + rng.uniform(-0.5, 1.5)),
+            )
+        )
+        open_ = min(rng.choice([0.9, 0.9, 1.5, 3.0]), deep - 1.4)
         middle = rng.uniform(0.6 + open_ / 2, deep - 0.6 - open_ / 2)
         gap = (middle - open_ / 2, middle + open_ / 2, rng.choice([2.05, yard.height_m]))
     floor = _floor(yard)
@@ -133,11 +139,17 @@ def make_scene(bank: Bank, models: list[Drawn], rng: Rng) -> Scene:
 
 # ------------------------------------------------------------------------------------------------ the shell
 def _floor(yard: _Yard) -> Surface:
-    return surface(str(yard.rng.choice(["wood", "wood", "stone", "carpet", "enamel", "any", "cardboard"])), yard.bank, yard.rng)
+    return surface(
+        str(yard.rng.choice(["wood", "wood", "stone", "carpet", "enamel", "any", "cardboard"])), yard.bank, yard.rng
+    )
 
 
 def _wall(yard: _Yard) -> Surface:
-    return surface(str(yard.rng.choice(["enamel", "enamel", "enamel", "ceramic", "sheet", "any", "stone", "wood"])), yard.bank, yard.rng)
+    return surface(
+        str(yard.rng.choice(["enamel", "enamel", "enamel", "ceramic", "sheet", "any", "stone", "wood"])),
+        yard.bank,
+        yard.rng,
+    )
 
 
 def _panel(rng: Rng, start: float, end: float, height: float, gaps) -> list[tuple[float, float, float, float]]:
@@ -168,7 +180,10 @@ def _shell(yard: _Yard, room, floor: Surface, wall: Surface, ceiling: Surface, g
     x0, y0, x1, y1 = room
     yard.shell(box(x0 - 0.3, x1 + 0.3, y0 - 0.3, y1 + 0.3, -0.1, 0.0), FLOOR, floor, rng.uniform(0.5, 2.0))
     yard.shell(box(x0 - 0.3, x1 + 0.3, y0 - 0.3, y1 + 0.3, high, high + 0.1), CEILING, ceiling, rng.uniform(0.5, 2.0))
-    frame, leaf = surface(str(rng.choice(["wood", "enamel", "plastic_dark"])), yard.bank, rng), surface("wood", yard.bank, rng)
+    frame, leaf = (
+        surface(str(rng.choice(["wood", "enamel", "plastic_dark"])), yard.bank, rng),
+        surface("wood", yard.bank, rng),
+    )
     pane = surface(str(rng.choice(["glass", "lampshade", "artwork"])), yard.bank, rng)
     pane = Surface(pane.texture, pane.colour, pane.gloss, float(rng.uniform(0.2, 0.9)))
     here: list[tuple[int, float, float]] = []
@@ -182,9 +197,15 @@ def _shell(yard: _Yard, room, floor: Surface, wall: Surface, ceiling: Surface, g
             here.append((side, gap[0] - 0.3, gap[1] + 0.3))
         elif end - low > 1.8 and rng.random() < 0.75:
             kind = rng.choice(["door", "window", "window", "wide"])
-            size = {"door": 0.9, "window": rng.uniform(0.6, 1.8), "wide": min(end - low - 0.6, rng.uniform(2, 6))}[str(kind)]
+            size = {"door": 0.9, "window": rng.uniform(0.6, 1.8), "wide": min(end - low - 0.6, rng.uniform(2, 6))}[
+                str(kind)
+            ]
             a = rng.uniform(low + 0.2, max(end - 0.2 - size, low + 0.25))
-            z0, z1 = (0.0, min(2.05, high)) if kind == "door" else (rng.choice([0.3, 0.8, 0.9, 1.1]), rng.uniform(1.9, high - 0.1))
+            z0, z1 = (
+                (0.0, min(2.05, high))
+                if kind == "door"
+                else (rng.choice([0.3, 0.8, 0.9, 1.1]), rng.uniform(1.9, high - 0.1))
+            )
             gaps.append((a, min(a + size, end - 0.1), z0, z1))
             here.append((side, a - 0.1, a + size + 0.1))
         for a, b, z0, z1 in _panel(rng, low - 0.1, end + 0.1, high, gaps):
@@ -192,7 +213,16 @@ def _shell(yard: _Yard, room, floor: Surface, wall: Surface, ceiling: Surface, g
             if skirting and z0 == 0:
                 yard.shell(_side(room, side, a, b, 0, 0.09, 0.0, 0.015), WALL, frame)
         for a, b, z0, z1 in gaps:
-            _opening(yard, room, side, (a, b, z0, z1), gap is not None and side < 2 and gaps[0][0] == gap[0], frame, leaf, pane)
+            _opening(
+                yard,
+                room,
+                side,
+                (a, b, z0, z1),
+                gap is not None and side < 2 and gaps[0][0] == gap[0],
+                frame,
+                leaf,
+                pane,
+            )
     taken.append(here)
 
 
@@ -209,7 +239,9 @@ def _opening(yard: _Yard, room, side: int, at, through: bool, frame: Surface, le
         yard.shell(_side(room, side, a, b, z0, z1, -0.08, -0.04), DOOR, leaf, 0.8)
         for p, q in ((0.15, 0.45), (0.55, 0.95)):
             if rng.random() < 0.5:
-                inner = _side(room, side, a + 0.12, b - 0.12, z0 + (z1 - z0) * p, z0 + (z1 - z0) * (q - 0.03), -0.04, -0.03)
+                inner = _side(
+                    room, side, a + 0.12, b - 0.12, z0 + (z1 - z0) * p, z0 + (z1 - z0) * (q - 0.03), -0.04, -0.03
+                )
                 yard.shell(inner, DOOR, leaf, 0.5)
         return
     yard.shell(_side(room, side, a, b, z0, z1, -0.08, -0.06), part, pane, 2.0, flat=True)
@@ -237,7 +269,11 @@ def _beams(yard: _Yard, rooms) -> None:
         yard.shell(box(x, x + w, y, y + w, 0, high), WALL, look)
         yard.boxes.append((np.array([x, y, 0]), np.array([x + w, y + w, high])))
     if rng.random() < 0.25 and x1 - x0 > 4:  # a partition across a part of the room
-        x, end, top = rng.uniform(x0 + 1.5, x1 - 1.5), y0 + rng.uniform(0.8, (y1 - y0) * 0.6), rng.choice([1.4, 2.1, high])
+        x, end, top = (
+            rng.uniform(x0 + 1.5, x1 - 1.5),
+            y0 + rng.uniform(0.8, (y1 - y0) * 0.6),
+            rng.choice([1.4, 2.1, high]),
+        )
         bar, pane = rng.uniform(0.02, 0.05), surface(str(rng.choice(["glass", "enamel", "wood"])), yard.bank, rng)
         for y in np.linspace(y0, end, int(rng.integers(2, 6))):
             yard.shell(box(x - bar, x + bar, y - bar, y + bar, 0, top), WALL, look)
@@ -262,7 +298,9 @@ def draw(yard: _Yard, mount: str | None = None) -> Body:
             if mount is None or model.mount == mount:
                 body = of_model(model, yard.bank, rng)
                 stretch = rng.uniform(0.92, 1.08, 3).astype(np.float32)
-                return Body(body.name, body.mount, body.bottom_m, body.triangles * stretch, body.uv, body.surface, body.surfaces)
+                return Body(
+                    body.name, body.mount, body.bottom_m, body.triangles * stretch, body.uv, body.surface, body.surfaces
+                )
     return draw(yard)
 
 
@@ -287,7 +325,13 @@ def _furnish(yard: _Yard, room, taken, gap, k: int) -> None:
             _to_middle(yard, body, room)
     for _ in range(int(rng.integers(1, 9))):
         body = draw(yard, "wall")
-        _to_wall(yard, body, room, taken if body.name not in ("curtain", "blind") else [], body.bottom_m * rng.uniform(0.85, 1.1))
+        _to_wall(
+            yard,
+            body,
+            room,
+            taken if body.name not in ("curtain", "blind") else [],
+            body.bottom_m * rng.uniform(0.85, 1.1),
+        )
     for _ in range(int(rng.integers(0, 4))):
         body = draw(yard, "ceiling")
         drop = yard.height_m - max(0.0, float(body.triangles[..., 2].max()))
@@ -337,7 +381,9 @@ def _to_middle(yard: _Yard, body: Body, room, z: float = 0.0) -> bool:
     if min(x1 - x0, y1 - y0) < 2 * reach:
         return False
     return any(
-        yard.stand(body, rng.uniform(x0 + reach, x1 - reach), rng.uniform(y0 + reach, y1 - reach), z, rng.uniform(0, 6.28))
+        yard.stand(
+            body, rng.uniform(x0 + reach, x1 - reach), rng.uniform(y0 + reach, y1 - reach), z, rng.uniform(0, 6.28)
+        )
         for _ in range(6)
     )
 
@@ -394,7 +440,12 @@ def _on_top(yard: _Yard) -> None:
         low = np.array([x - size[0] * 0.4, y - size[1] * 0.4, z + 0.004])
         high = np.array([x + size[0] * 0.4, y + size[1] * 0.4, z + size[2]])
         above = flat[:, :, 2].min(1)
-        blocked = (above > z + 0.01) & (above < z + size[2]) & (flat[..., :2].min(1) < high[:2]).all(1) & (flat[..., :2].max(1) > low[:2]).all(1)
+        blocked = (
+            (above > z + 0.01)
+            & (above < z + size[2])
+            & (flat[..., :2].min(1) < high[:2]).all(1)
+            & (flat[..., :2].max(1) > low[:2]).all(1)
+        )
         others = [b for n, b in enumerate(yard.boxes) if n < len(yard.boxes) and not _is(yard, n, carrier)]
         clear = not any((low < q - 0.01).all() and (high > p + 0.01).all() for p, q in others)
         if not blocked.any() and clear:
@@ -404,6 +455,6 @@ def _on_top(yard: _Yard) -> None:
 
 def _is(yard: _Yard, n: int, carrier: int) -> bool:
     """Whether the n-th box is the carrier's own."""
-    low, high = yard.boxes[n]
+    _, high = yard.boxes[n]
     flat = next(c for c in yard.carriers if c[0] == carrier)
     return bool(np.allclose(high, flat[2]))

@@ -98,7 +98,14 @@ def photograph(rng: Rng) -> Texture:
         colour = rng.uniform(0, 255, 3).tolist()
         centre, size = rng.integers(0, SIDE, 2).tolist(), rng.integers(4, 50, 2).tolist()
         layer = cv2.ellipse(
-            np.ascontiguousarray(out), centre, size, float(rng.uniform(0, 180)), 0, float(rng.choice([360, 180])), colour, -1
+            np.ascontiguousarray(out),
+            centre,
+            size,
+            float(rng.uniform(0, 180)),
+            0,
+            float(rng.choice([360, 180])),
+            colour,
+            -1,
         )
         out = layer if rng.random() < 0.8 else 0.5 * (layer + out)
     return cv2.GaussianBlur(out, (0, 0), rng.uniform(0.4, 1.5)).clip(0, 255).astype(np.uint8)
@@ -169,5 +176,7 @@ def bank(rng: Rng, more: list[Texture]) -> Bank:
     levels = [np.stack(made + more)]
     for _ in range(LEVELS - 1):
         last = levels[-1].astype(np.uint16)
-        levels.append(((last[:, ::2, ::2] + last[:, 1::2, ::2] + last[:, ::2, 1::2] + last[:, 1::2, 1::2]) // 4).astype(np.uint8))
+        levels.append(
+            ((last[:, ::2, ::2] + last[:, 1::2, ::2] + last[:, ::2, 1::2] + last[:, 1::2, 1::2]) // 4).astype(np.uint8)
+        )
     return Bank(tuple(levels), of_kind)

@@ -1,0 +1,131 @@
+"""The segmenter's network, and what it is taught: targets and loss."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.nn import functional
+
+from irsd.perception.nano_map import draw_map
+from irsd.perception.nano_segmenter import CHANNELS, OFFSET_CELLS
+from training.render_data import Frame, spoiled, thinned
+
+Rng = np.random.Generator
+CROP_ROWS, CROP_COLUMNS = 192, 256
+_LEAST_CELLS = 6
+
+
+def conv(inputs: int, outputs: int, stride: int = 1, side: int = 3) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, side, stride, side // 2, bias=False), nn.BatchNorm2d(outputs), nn.ReLU(inplace=True)
+    )
+
+
+class Residual(nn.Module):
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            conv(channels, channels), nn.Conv2d(channels, channels, 3, 1, 1, bias=False), nn.BatchNorm2d(channels)
+        )
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return functional.relu(x + self.body(x))
+
+
+class SegmentNet(nn.Module):
+    """image [B, 3, H, W] (0..1) and map [B, 3, H/2, W/2] to heads [B, 5, H/2, W/2]: a U-Net whose work is at an eighth and below."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stem = conv(3, 16, 2)
+        self.down = nn.ModuleList(
+            [
+                nn.Sequential(conv(19, 32, 2), conv(32, 32)),
+                nn.Sequential(conv(32, 64, 2), Residual(64)),
+                nn.Sequential(conv(64, 96, 2), Residual(96)),
+                nn.Sequential(conv(96, 128, 2), Residual(128)),
+            ]
+        )
+        self.narrow = nn.ModuleList(
+            [conv(128, 96, side=1), conv(96, 64, side=1), conv(64, 32, side=1), conv(32, 19, side=1)]
+        )
+        self.up = nn.ModuleList([conv(96, 96), conv(64, 64), conv(32, 32), conv(19, 19)])
+        self.head = nn.Conv2d(19, CHANNELS, 1)
+        nn.init.constant_(self.head.bias, -2.0)
+        self.head.bias.data[3:] = 0
+
+    def forward(self, image: torch.Tensor, map_: torch.Tensor) -> torch.Tensor:
+        x = torch.cat([self.stem(image * 4 - 2), map_], 1)
+        levels = [x]
+        for block in self.down:
+            x = block(x)
+            levels.append(x)
+        for k, (narrow, up) in enumerate(zip(self.narrow, self.up, strict=True)):
+            below = levels[-2 - k]
+            x = functional.interpolate(narrow(x), size=below.shape[-2:], mode="nearest")
+            x = up(x + below)
+        return self.head(x)
+
+
+# ------------------------------------------------------------------------------------------------ what it is taught
+def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray]:
+    """(image uint8 [3, H, W], map float32 [3, H/2, W/2], numbers of things [H/2, W/2]) of a spoiled crop at another scale."""
+    scale = float(np.exp(rng.uniform(np.log(0.8), np.log(1.45))))
+    rgb, thing, points = frame.rgb(), frame.thing, thinned(frame.points, rng)
+    size = (max(round(rgb.shape[1] * scale), CROP_COLUMNS), max(round(rgb.shape[0] * scale), CROP_ROWS))
+    across, down = size[0] / rgb.shape[1], size[1] / rgb.shape[0]
+    rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA)
+    thing = cv2.resize(thing, size, interpolation=cv2.INTER_NEAREST)
+    left, top = int(rng.integers(0, size[0] - CROP_COLUMNS + 1)), int(rng.integers(0, size[1] - CROP_ROWS + 1))
+    rgb, thing = (a[top : top + CROP_ROWS, left : left + CROP_COLUMNS] for a in (rgb, thing))
+    pixel = (points[:, :2] + 0.5) * np.array([across, down], np.float32) - 0.5 - np.array([left, top], np.float32)
+    if rng.random() < 0.5:
+        rgb, thing = rgb[:, ::-1], thing[:, ::-1]
+        pixel = pixel * np.array([-1, 1], np.float32) + np.array([CROP_COLUMNS - 1, 0], np.float32)
+    shown = draw_map(
+        np.ascontiguousarray(pixel, np.float32), np.ascontiguousarray(points[:, 2]), points[:, 3] > 0.5, 0.5, 0.5
+    )[:, : CROP_ROWS // 2, : CROP_COLUMNS // 2]
+    return spoiled(np.ascontiguousarray(rgb), rng).transpose(2, 0, 1), shown, thing[::2, ::2].astype(np.int32)
+
+
+def targets(thing: NDArray[np.int32]) -> NDArray[np.float32]:
+    """float32 [6, h, w] of numbers [h, w]: thing, border between things, nearness to a middle, offset across and down, weight."""
+    h, w = thing.shape
+    out = np.zeros((6, h, w), np.float32)
+    out[0], out[5] = thing > 0, 1.0
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        meet = (thing[one] != thing[other]) & (thing[one] > 0) & (thing[other] > 0)
+        out[1][one] = np.maximum(out[1][one], meet)
+        out[1][other] = np.maximum(out[1][other], meet)
+    y, x = np.mgrid[:h, :w].astype(np.float32)
+    count = np.bincount(thing.reshape(-1))
+    for k in np.flatnonzero(count):
+        if k == 0:
+            continue
+        mask = thing == k
+        cy, cx, size = y[mask].mean(), x[mask].mean(), float(count[k])
+        out[3][mask], out[4][mask] = (cx - x[mask]) / OFFSET_CELLS, (cy - y[mask]) / OFFSET_CELLS
+        out[5][mask] = np.clip((300 / size) ** 0.5, 0.5, 4.0)
+        if size >= _LEAST_CELLS:
+            sigma = np.clip(0.12 * np.sqrt(size), 1.0, 5.0)
+            bell = np.exp(-((x - round(cx)) ** 2 + (y - round(cy)) ** 2) / (2 * sigma**2))
+            out[2] = np.maximum(out[2], bell)
+    return out
+
+
+def loss(heads: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """Cross-entropy of thing and border, CenterNet's focal loss of middles (Zhou et al. 2019), L1 of the offsets on things."""
+    weight = target[:, 5]
+    thing = (functional.binary_cross_entropy_with_logits(heads[:, 0], target[:, 0], reduction="none") * weight).mean()
+    border = functional.binary_cross_entropy_with_logits(heads[:, 1], target[:, 1], pos_weight=torch.tensor(3.0))
+    p = torch.sigmoid(heads[:, 2]).clamp(1e-4, 1 - 1e-4)
+    peak = target[:, 2] > 0.999
+    right = -((1 - p) ** 2 * p.log())[peak].sum()
+    wrong = -((1 - target[:, 2]) ** 4 * p**2 * (1 - p).log())[~peak].sum()
+    middle = (right + wrong) / peak.sum().clamp(min=1)
+    on = target[:, 0] * weight
+    offset = ((heads[:, 3:] - target[:, 3:5]).abs().sum(1) * on).sum() / on.sum().clamp(min=1)
+    return thing + 0.5 * border + 0.15 * middle + 0.7 * offset
