@@ -94,7 +94,7 @@ def main() -> None:
         out[key] = np.concatenate([row[key] for row in rows])
         out[f"{key}_len"] = np.array([len(row[key]) for row in rows])  # packed one behind the other
     np.savez_compressed(arguments.out, names=np.array(names), structural=structural, **out)
-    print(f"{len(rows)} pictures of {seen}")  # noqa: T201
+    print(f"{len(rows)} pictures of {seen}")
 
 
 if __name__ == "__main__":

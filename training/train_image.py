@@ -111,7 +111,7 @@ def main() -> None:
             if spent - looked > 500 or spent >= total:
                 looked = spent
                 scored = ", held out top-1 {:.3f} top-5 {:.3f}".format(*held_out(average, val, names))
-            print(  # noqa: T201
+            print(
                 f"step {step} {spent / 60:.1f} min: loss {np.mean(recent):.3f}, {len(frames.frames)} frames{scored}",
                 flush=True,
             )

@@ -80,7 +80,7 @@ def main() -> None:
             saved = spent
             state = {"net": net.state_dict(), "average": average.state_dict(), "optimiser": optimiser.state_dict()}
             torch.save(state | {"step": step, "spent": spent}, arguments.out)
-            print(  # noqa: T201
+            print(
                 f"step {step} {spent / 60:.1f} min: loss {np.mean(recent):.3f}, {len(frames.frames)} frames", flush=True
             )
             recent.clear()
