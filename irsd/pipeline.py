@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ from irsd.instances.memory import InstanceMemory
 from irsd.lookout import Lookout
 from irsd.mapping.mapper import Mapper
 from irsd.perception.encoder import LabelEncoder
-from irsd.perception.structure_net import PointNetwork
+from irsd.perception.structure_net import structure_model
 from irsd.perception.worker import Eyes
 from irsd.rooms.stage import RoomStage
 from irsd.warm import warm_up
@@ -68,8 +67,7 @@ class MapPipeline:
         """eyes: who looks at pictures that come without detections; None: nobody."""
         warm_up()  # compiled kernels are loaded now, not in the first frame
         self._settings = settings
-        path = settings.mapping.network.model
-        self._mapper = Mapper(settings.mapping, PointNetwork(Path(path)) if path else None)
+        self._mapper = Mapper(settings.mapping, structure_model(settings.mapping.network.model))
         self._room_stage = RoomStage(settings.rooms)
         self._memory = InstanceMemory(settings.fusion, labels.encode, self._mapper)
         self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)

@@ -10,6 +10,7 @@ nearly the same.
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,8 @@ from irsd.perception.encoder import DIMENSION, LabelEncoder
 from irsd.perception.shape import MEASURES, POINTS
 from training.export import export_onnx
 from training.names import words
-from training.score_shape import house_clouds, ranks
+from training.score_shape import house_clouds
+from training.scoring import ranks
 
 _SCALE = 20.0  # of the cosines in the loss
 _BATCH = 256
@@ -93,8 +95,11 @@ def main() -> None:
     encoder = LabelEncoder.load()
     points, measures, name = load(arguments.data, encoder)
     names, target = np.unique(name, return_inverse=True)
-    counts = np.bincount(target)
     vectors, goal = name_vectors(names, encoder), torch.from_numpy(target)
+    trained = len(points) - len(points) // 20  # the last buildings are for the calibration
+    held = (points[trained:], measures[trained:], goal[trained:])
+    points, measures, goal = points[:trained], measures[:trained], goal[:trained]
+    counts = np.maximum(np.bincount(target[:trained], minlength=len(names)), 1)
     weight = torch.from_numpy((counts.mean() / counts) ** 0.3).float()
     net = ShapeNet(measures.mean(0), measures.std(0) + 1e-3)
     optimiser = torch.optim.AdamW(net.parameters(), 1e-3, weight_decay=0.02)
@@ -122,13 +127,39 @@ def main() -> None:
         if house:
             with torch.no_grad():
                 embedded = net(torch.from_numpy(house.points), torch.from_numpy(house.measures)).numpy()
-            rank = ranks(embedded, house, encoder)
+            rank = ranks(embedded, house.labels, house.names, encoder.encode(house.names))
             scored = f", top-1 {(rank < 1).mean():.3f}, top-5 {(rank < 5).mean():.3f} of {len(rank)}"
         print(f"epoch {epoch + 1}: loss {loss:.3f}{scored}", flush=True)
     net.eval()
     if arguments.export:
         feeds = (torch.zeros(2, POINTS, 4), torch.zeros(2, MEASURES))
         export_onnx(net, feeds, ("points", "measures"), ("embedding",), arguments.export / "shape_encoder.onnx")
+        calibration = calibrated(net, *held, vectors)
+        (arguments.export / "shape_encoder.json").write_text(json.dumps(calibration) + "\n")
+        print(calibration)
+
+
+def calibrated(
+    net: ShapeNet, points: torch.Tensor, measures: torch.Tensor, goal: torch.Tensor, vectors: torch.Tensor
+) -> dict[str, float]:
+    """The scale at which probabilities over all names of the training fit best, and the least probability of a best name at which such a
+    name is right as often as not, on buildings that were not trained on."""
+    with torch.no_grad():
+        cosine = (
+            torch.cat([net(p.float(), m) for p, m in zip(points.split(512), measures.split(512), strict=True)])
+            @ vectors.T
+        )
+    scales = [float(v) for v in np.geomspace(8, 80, 25)]
+    losses = [float(nn.functional.cross_entropy(cosine * scale, goal)) for scale in scales]
+    scale = scales[int(np.argmin(losses))]
+    best, found = (cosine * scale).softmax(1).max(1)
+    right = (found == goal).float()
+    order = best.argsort()
+    width = max(len(order) // 20, 1)
+    smooth = np.convolve(right[order].numpy(), np.ones(width) / width, mode="valid")
+    known = np.flatnonzero(smooth >= 0.5)
+    least = float(best[order][known[0] + width // 2]) if len(known) else 0.5
+    return {"scale": round(scale, 2), "min_probability": round(least, 3), "right": round(float(right.mean()), 3)}
 
 
 def _epoch(net, points, measures, goal, vectors, weight, optimiser, schedule) -> float:  # type: ignore[no-untyped-def]

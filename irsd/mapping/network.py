@@ -30,7 +30,9 @@ class StructureModel(Protocol):
 class NetworkSettings:
     """When and on what the network runs."""
 
-    model: str = setting("", "path of an ONNX point network for structure labels; empty: geometry alone")
+    model: str = setting(
+        "", "what labels voxels: nano (our network), the path of an ONNX point network; empty: geometry alone"
+    )
     block_m: float = setting(8.0, "side N of the block of points around the robot", lo=1.0, hi=100.0)
     every_scans: int = setting(10, "the network runs once in this many scans", lo=1, hi=10_000)
     max_points: int = setting(

@@ -1,8 +1,10 @@
-"""An ONNX point network as a structure model: points in, class per point out."""
+"""Networks that say what each voxel of the map is part of: ours, on what geometry knows, and any that takes bare points."""
 
 from __future__ import annotations
 
+import importlib.resources
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +12,37 @@ from numpy.typing import NDArray
 from irsd.core.errors import ModelError
 from irsd.core.types import MapBlock, Structure
 from irsd.perception.models import Session
+from irsd.perception.structure_features import structure_features
 
-_INPUT, _OUTPUT = "points", "logits"
+SHIPPED = "nano"  # the name of our own network in settings
+_CLASSES = len(Structure)
+
+
+class StructureModel(Protocol):
+    """What ``mapping.network`` asks of a model."""
+
+    def classify(self, block: MapBlock) -> NDArray[np.uint8]:
+        """``Structure`` values uint8 [N] of a block's N voxels."""
+
+
+def structure_model(name: str) -> StructureModel | None:
+    """The model of a setting: SHIPPED; the path of an ONNX point network; None for an empty name (geometry alone)."""
+    if not name:
+        return None
+    if name == SHIPPED:
+        return NanoStructure(Path(str(importlib.resources.files("irsd.models.nano").joinpath("structure.onnx"))))
+    return PointNetwork(Path(name))
+
+
+class NanoStructure:
+    """Our own: input ``features`` float32 [N, FEATURES] of ``structure_features``, output ``logits`` float32 [N, 6]."""
+
+    def __init__(self, path: Path, *, threads: int = 1) -> None:
+        self._session = Session(path, threads=threads, inputs=("features",), outputs=("logits",))
+
+    def classify(self, block: MapBlock) -> NDArray[np.uint8]:
+        """``Structure`` values uint8 [N] of a block's N voxels."""
+        return _classes(self._session, "features", structure_features(block))
 
 
 class PointNetwork:
@@ -19,12 +50,15 @@ class PointNetwork:
     columns are the values of ``Structure``: other, wall, floor, ceiling, door, window."""
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
-        self._session = Session(path, threads=threads, inputs=(_INPUT,), outputs=(_OUTPUT,))
+        self._session = Session(path, threads=threads, inputs=("points",), outputs=("logits",))
 
     def classify(self, block: MapBlock) -> NDArray[np.uint8]:
         """``Structure`` values uint8 [N] of a block's N points. ModelError when the network gives anything else."""
-        points = np.ascontiguousarray(block.points, np.float32)
-        (logits,) = self._session.run({_INPUT: points}, (_OUTPUT,))
-        if logits.shape != (len(points), len(Structure)):
-            raise ModelError(f"{self._session.path.name}: {_OUTPUT} has shape {logits.shape} for {len(points)} points")
-        return np.asarray(logits.argmax(1), np.uint8)
+        return _classes(self._session, "points", np.ascontiguousarray(block.points, np.float32))
+
+
+def _classes(session: Session, name: str, values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    (logits,) = session.run({name: values}, ("logits",))
+    if logits.shape != (len(values), _CLASSES):
+        raise ModelError(f"{session.path.name}: logits has shape {logits.shape} for {len(values)} points")
+    return np.asarray(logits.argmax(1), np.uint8)
