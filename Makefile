@@ -4,10 +4,10 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: help install demo test check bench fixtures format lock clean
+.PHONY: help install demo test check bench fuzz soak deb sandboxed-demo fixtures format lock clean
 
 help:  ## show the commands
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 install: $(STAMP)  ## make .venv with the locked dependencies and irsd in it
 
@@ -34,6 +34,18 @@ check: install  ## formatting, lint, types, architecture
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest tests/test_architecture.py
+
+fuzz: install  ## hostile input for every decoder and question, SECONDS (600) each
+	$(BIN)/python tests/fuzz/run.py $(or $(SECONDS),600)
+
+soak: install  ## MINUTES (20) of looped play at real time: slope of memory, files, threads, CPU
+	$(BIN)/python benchmarks/soak.py --minutes $(or $(MINUTES),20)
+
+deb: install  ## a Debian package with everything in it, for robots without a network
+	PYTHON=$(PYTHON) sh systemd/build-deb.sh
+
+sandboxed-demo: install  ## the demo under exactly the environment, limits and sandbox of irsd.service (as root)
+	$(BIN)/python systemd/as_unit.py systemd/irsd.service --state build/sandbox --write demo -- $(BIN)/irsctl demo --out demo
 
 bench: install  ## print the benchmark tables (needs the recordings; see benchmarks/)
 	$(BIN)/python benchmarks/replay.py

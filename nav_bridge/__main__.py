@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import logging
 from pathlib import Path
 
 import click
 
 from irsd.core.errors import ConfigError, IrsdError
+from irsd.core.logs import set_up_logging
 from nav_bridge.config import BridgeSettings, find_settings, load_settings
 
 _CONFIG = click.option("--config", type=click.Path(path_type=Path, dir_okay=False), help="YAML file with settings.")
@@ -26,8 +26,7 @@ def main(context: click.Context, robot: str | None, endpoint: str | None, verbos
         return
     from nav_bridge.bridge import run_bridge  # noqa: PLC0415  zenoh and the encoder are of no use to ``offline --help``
 
-    level = logging.DEBUG if verbose else logging.INFO
-    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    set_up_logging("debug" if verbose else "info")
     try:
         run_bridge(_settings(config), robot, endpoint)
     except IrsdError as error:

@@ -18,7 +18,8 @@ from typing import Any
 
 from irsd.core.errors import DecodeError, IrsdError, TransportError
 from irsd.core.geometry import quat_xyzw_to_matrix
-from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns, wall_clock_ns
+from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns, monotonic_s, wall_clock_ns
+from irsd.core.systemd import Watchdog, notify
 from irsd.graph.model import GraphSnapshot
 from irsd.io.cdr import decode_odometry
 from irsd.io.endpoints import with_environment
@@ -90,12 +91,14 @@ class Bridge:
     # --------------------------------------------------------------------------------------------------- the loop
     def run(self, stopper: Stopper) -> None:
         """Until the stop is requested. Raises TransportError when the mirror's thread has died."""
+        watchdog = Watchdog()
         while not stopper.requested:
             self._wake.wait(_PERIOD_S)
             self._wake.clear()
             self.step(monotonic_ns())
             if not (self._mirror.alive and self._scout.alive):
                 raise TransportError("a thread has died; see the log")
+            watchdog.feed(monotonic_s())
 
     def step(self, now_ns: int) -> None:
         """One turn: odometry, then requests, then the clock."""
@@ -386,6 +389,7 @@ def run_bridge(settings: BridgeSettings, robot: str | None, endpoint: str | None
     warm_up()
     with open_session(settings.zenoh, "peer") as session:
         bridge = Bridge(session, settings, encoder)
+        notify("READY=1")
         _log.info("ready: robot %s, endpoint %s", settings.robot, settings.zenoh.endpoint)
         try:
             bridge.run(stopper)

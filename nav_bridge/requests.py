@@ -14,6 +14,10 @@ from irsd.io.session import Query
 from nav_bridge.goal import GoalSpec
 from nav_bridge.planner import XyYaw
 
+MAX_BYTES = 64 * 1024
+MAX_WORDS_LENGTH = 1000
+"""A goal is a sentence. What is longer is not read: the work on a sentence grows faster than its length."""
+
 
 @dataclass(slots=True)
 class Request:
@@ -42,12 +46,16 @@ class Goto:
 
 def request_of(name: str, query: Query) -> Request:
     """The request in a query: a JSON object as payload, or parameters. DecodeError when it is neither."""
+    if len(query.payload) > MAX_BYTES:
+        raise DecodeError(f"nav/{name}: {len(query.payload)} bytes, at most {MAX_BYTES} are read")
     try:
         document = json.loads(query.payload) if query.payload else dict(query.parameters)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DecodeError(f"nav/{name}: the payload is no JSON ({error})") from error
     if not isinstance(document, dict):
         raise DecodeError(f"nav/{name}: expected a JSON object")
+    if len(str(document.get("query", ""))) > MAX_WORDS_LENGTH:
+        raise DecodeError(f"nav/{name}: the query is longer than {MAX_WORDS_LENGTH} characters")
     return Request(name, document)
 
 

@@ -1,34 +1,75 @@
 #!/bin/sh
 # Installs irsd and nav-bridge as services: a venv in /opt/irsd, settings in /etc/irsd, the map in /var/lib/irsd.
-# Usage: sudo systemd/install.sh [WHEEL-OR-SOURCE]   (default: the source tree this script is in)
+#   sudo systemd/install.sh [WHEEL-OR-SOURCE]   install or upgrade (default: the source tree this script is in); settings stay
+#   sudo systemd/install.sh --uninstall         programs and units go, settings and maps stay
+#   sudo systemd/install.sh --purge             everything goes, settings and maps too
+# DESTDIR=DIR installs below DIR, for images and tests; PYTHON=python3.x chooses the interpreter,
+# LOCK=FILE the list of exact versions (none there: those that pip resolves).
 set -eu
 
 here=$(cd "$(dirname "$0")" && pwd)
-source=${1:-$(dirname "$here")}
+root=${DESTDIR:-}
 python=${PYTHON:-python3}
+opt=$root/opt/irsd etc=$root/etc/irsd units=$root/etc/systemd/system
+services="irsd.service nav-bridge.service"
 
-[ "$(id -u)" = 0 ] || { echo "install.sh: must run as root" >&2; exit 1; }
-"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "install.sh: Python 3.11 or newer is needed" >&2; exit 1; }
+say() { echo "install.sh: $*"; }
+fail() { echo "install.sh: $*" >&2; exit 1; }
+running_systemd() { [ -z "$root" ] && [ -d /run/systemd/system ]; }
 
-[ -x /opt/irsd/bin/python ] || "$python" -m venv /opt/irsd
-/opt/irsd/bin/pip install --upgrade "$source"
+[ "$(id -u)" = 0 ] || [ -n "$root" ] || fail "must run as root: sudo $0 $*"
 
-install -D -m 0644 "$here/irsd.sysusers.conf" /usr/lib/sysusers.d/irsd.conf
-systemd-sysusers /usr/lib/sysusers.d/irsd.conf
-# compiled kernels: made once now, so that the first start is not late
-install -d /var/cache/irsd
-NUMBA_CACHE_DIR=/var/cache/irsd /opt/irsd/bin/python -m irsd.warm
-chown -R irsd:irsd /var/cache/irsd
-install -d -m 0755 /etc/irsd
+uninstall() {
+    if running_systemd; then
+        systemctl disable --now $services 2>/dev/null || true
+    fi
+    for unit in $services; do rm -f "$units/$unit"; done
+    rm -rf "$opt" "$root/var/cache/irsd" "$root/usr/lib/sysusers.d/irsd.conf"
+    for name in irsctl irsd nav-bridge; do
+        [ "$(readlink "$root/usr/local/bin/$name" || true)" != "/opt/irsd/bin/$name" ] || rm "$root/usr/local/bin/$name"
+    done
+    if running_systemd; then systemctl daemon-reload; fi
+}
+
+case ${1:-} in
+--uninstall)
+    uninstall
+    say "removed; settings are in $etc, maps in $root/var/lib/irsd (--purge removes them)"
+    exit 0 ;;
+--purge)
+    uninstall
+    rm -rf "$etc" "$root/var/lib/irsd" "$root/var/lib/nav-bridge"
+    say "removed, settings and maps too"
+    exit 0 ;;
+-*) fail "unknown option $1 (see the top of this file)" ;;
+esac
+
+source=${1:-$(dirname "$here")}
+"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "Python 3.11 or newer is needed: PYTHON=python3.x $0"
+
+# the venv is made anew when its interpreter is gone (an upgrade of the system), never while it works
+"$opt/bin/python" -c '' 2>/dev/null || { rm -rf "$opt"; "$python" -m venv "$opt" || fail "apt-get install python3-venv"; }
+# the exact versions that were tested, where they are known: then irsd itself over them
+lock=${LOCK:-$here/../requirements.lock}
+[ ! -e "$lock" ] || "$opt/bin/python" -m pip install -q --no-deps -r "$lock"
+"$opt/bin/python" -m pip install -q --upgrade "$source"
+
+install -d -m 0755 "$etc" "$units" "$root/usr/lib/sysusers.d" "$root/usr/local/bin"
+install -m 0644 "$here/irsd.sysusers.conf" "$root/usr/lib/sysusers.d/irsd.conf"
 for name in irsd.yaml nav_bridge.yaml; do
-    # what the operator has written stays
-    [ -e "/etc/irsd/$name" ] || [ ! -e "$here/../config/$name" ] || install -m 0644 "$here/../config/$name" "/etc/irsd/$name"
+    # what the operator has written stays; what is new lies beside it
+    if [ ! -e "$here/../config/$name" ]; then continue; fi
+    if [ -e "$etc/$name" ] && ! cmp -s "$etc/$name" "$here/../config/$name"; then
+        install -m 0644 "$here/../config/$name" "$etc/$name.new"
+    else
+        install -m 0644 "$here/../config/$name" "$etc/$name"
+    fi
 done
-install -m 0644 "$here/irsd.service" "$here/nav-bridge.service" /etc/systemd/system/
-ln -sf /opt/irsd/bin/irsctl /usr/local/bin/irsctl
-
-systemctl daemon-reload
-systemctl enable irsd.service nav-bridge.service
-# restart, not start: an upgrade must take effect
-systemctl restart irsd.service nav-bridge.service
-echo "installed; see: systemctl status irsd, irsctl status"
+for unit in $services; do install -m 0644 "$here/$unit" "$units/$unit"; done
+for name in irsctl irsd nav-bridge; do ln -sf "/opt/irsd/bin/$name" "$root/usr/local/bin/$name"; done
+if [ -n "$root" ]; then
+    say "installed below $root; on the machine itself: systemd-sysusers, systemctl enable --now $services"
+    exit 0
+fi
+sh "$here/after-install.sh"
+say "installed; see: systemctl status irsd, irsctl status, irsctl doctor"

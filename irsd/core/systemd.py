@@ -25,3 +25,17 @@ def watchdog_period_s() -> float | None:
     if not microseconds.isdigit() or int(microseconds) == 0 or watched != str(os.getpid()):
         return None
     return int(microseconds) / 2e6
+
+
+class Watchdog:
+    """Tells systemd that the process lives, as often as it wants to hear it and no oftener. One thread feeds it."""
+
+    def __init__(self) -> None:
+        self.period_s = watchdog_period_s()
+        self._due_s = 0.0
+
+    def feed(self, now_s: float) -> None:
+        """To be called only after everything that must move has moved."""
+        if self.period_s is not None and now_s >= self._due_s:
+            self._due_s = now_s + self.period_s
+            notify("WATCHDOG=1")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import sys
 import types
 import typing
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.errors import DecodeError
+from irsd.core.png import png_size
 from irsd.graph.model import (
     SCHEMA_VERSION,
     BuildingNode,
@@ -244,6 +246,8 @@ def array_from_bytes(payload: bytes, attachment: bytes | str) -> NDArray[Any]:
 
 # ---------------------------------------------------------------------------------------------------- map picture
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 205  # as map_server writes them
+_MAX_CELLS = 64 * 2**20  # 400 x 400 m in cells of 5 cm
+_PGM = re.compile(rb"P5\s(?:#[^\n]*\n|\s)*(\d{1,6})\s+(\d{1,6})\s")
 
 
 def occupancy_to_png(cells: NDArray[np.int8]) -> bytes:
@@ -261,11 +265,21 @@ def occupancy_to_png(cells: NDArray[np.int8]) -> bytes:
 
 
 def png_to_occupancy(payload: bytes) -> NDArray[np.int8]:
-    """Cells int8 [H, W] of a map_server picture: -1 unknown, 0 free, 100 occupied (thresholds 0.196 and 0.65 as usual)."""
+    """Cells int8 [H, W] of a map_server picture: -1 unknown, 0 free, 100 occupied (thresholds 0.196 and 0.65 as usual).
+
+    A PNG, or a binary PGM as map_saver writes it. Raises DecodeError for anything else, and for what is larger than a map can be.
+    """
     import cv2  # noqa: PLC0415  as above
 
-    data = np.frombuffer(payload, np.uint8)
-    grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    pgm = _PGM.match(payload[:512])
+    if pgm is None:
+        png_size(payload, _MAX_CELLS)
+    elif int(pgm[1]) * int(pgm[2]) > min(len(payload), _MAX_CELLS):
+        raise DecodeError(f"map picture: {len(payload)} bytes claim {int(pgm[1])} x {int(pgm[2])} cells")
+    try:
+        grey = cv2.imdecode(np.frombuffer(payload, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error as error:
+        raise DecodeError(f"map picture: {error}") from error
     if grey is None:
         raise DecodeError("map picture: not an image")
     occupied = (255 - grey[::-1].astype(np.float32)) / 255

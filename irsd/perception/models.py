@@ -7,14 +7,18 @@ import hashlib
 import importlib
 import importlib.resources
 import logging
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
+
+# onnxruntime's wheels send usage data to its maker, with an id of the machine; read once, at import
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+import onnxruntime
 
 from irsd.core.errors import ModelError, RunCancelledError
 from irsd.core.runtime import Guarded

@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from irsd.core import png
 from irsd.core.errors import DecodeError
 
-MAX_PIXELS = 64 * 2**20
+MAX_PIXELS = 16 * 2**20
 """Larger pictures are refused."""
 
 _MAX_PIXELS_PER_BYTE = 1100
@@ -32,7 +33,7 @@ _RAW: dict[str, tuple[int, int | None]] = {
     "8UC1": (1, cv2.COLOR_GRAY2BGR),
 }
 
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_MAX_SCANS = 64  # of a progressive JPEG, each of which costs as much as the whole picture; encoders make about ten
 _JPEG_MAGIC = b"\xff\xd8\xff"
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # the SOFn markers
 _JPEG_BARE = frozenset(range(0xD0, 0xD9)) | {0x01}  # markers without a length
@@ -65,7 +66,7 @@ def bgr_of_file(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def numbers_of_png(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """uint16 [H, W] of a one-channel PNG of 8 or 16 bits. Raises DecodeError for anything else."""
-    if bytes(data[:8]) != _PNG_MAGIC:
+    if bytes(data[:8]) != png.MAGIC:
         raise DecodeError("ids image: not a PNG (numbers do not survive lossy compression)")
     pixels = _decoded(data, cv2.IMREAD_UNCHANGED)
     if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16):
@@ -89,14 +90,16 @@ def _decoded(data: NDArray[np.uint8], flags: int) -> NDArray[Any]:
 def _claimed_size(data: NDArray[np.uint8]) -> tuple[int, int]:
     """(width, height) by the file's header. Raises DecodeError for other formats and for files that are cut off."""
     head = bytes(data[:24])
-    if head.startswith(_PNG_MAGIC):
-        if b"IEND" not in bytes(data[-64:]):
-            raise DecodeError(f"CompressedImage: PNG is cut off after {data.size} bytes")
-        width, height = struct.unpack(">II", head[16:24])
-        return width, height
+    if head.startswith(png.MAGIC):
+        try:
+            return png.png_size(bytes(data), MAX_PIXELS, _MAX_PIXELS_PER_BYTE)
+        except DecodeError as error:
+            raise DecodeError(f"CompressedImage: {error}") from error
     if head.startswith(_JPEG_MAGIC):
         if b"\xff\xd9" not in bytes(data[-64:]):
             raise DecodeError(f"CompressedImage: JPEG is cut off after {data.size} bytes")
+        if bytes(data).count(b"\xff\xda") > _MAX_SCANS:
+            raise DecodeError(f"CompressedImage: JPEG of more than {_MAX_SCANS} scans")
         return _jpeg_size(bytes(data))
     raise DecodeError(f"CompressedImage: starts with {head[:8].hex()}, which is neither JPEG nor PNG")
 
