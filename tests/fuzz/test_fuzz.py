@@ -17,8 +17,8 @@ HANG_S = 1.0  # of CPU: ten times the bar, so that a busy machine's caches can't
 
 @pytest.mark.parametrize("target", targets(), ids=lambda target: target.name)
 def test_only_refusals(target: Target) -> None:
-    for right in target.seeds[:1]:
-        target.run(right) if target.name.startswith("decode") else None
+    if target.name.startswith("decode"):
+        target.run(target.seeds[0])
 
     @seed(1)
     @settings(max_examples=40, deadline=None, database=None)
@@ -29,7 +29,8 @@ def test_only_refusals(target: Target) -> None:
         try:
             target.run(data)
         except Exception as error:
-            assert refused(error), data[:80]
+            if not refused(error):
+                raise
         assert time.thread_time() - began_s < HANG_S
 
     walk()
