@@ -179,6 +179,20 @@ class MapUpdate:
 
 
 @dataclass(frozen=True, slots=True)
+class LooseChange:
+    """Parts of the map that are no structure and hang together, where something about them changed.
+
+    rows: int32 [N] voxel rows, those of part k at offset[k]:offset[k + 1] (int64 [K + 1]); points_map: float32 [N, 3] of them; gone:
+    int32 [G], rows that belong to no part any more.
+    """
+
+    rows: NDArray[np.int32]
+    points_map: NDArray[np.float32]
+    offset: NDArray[np.int64]
+    gone: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
 class PlanEvidence:
     """The map seen from above, the input of room segmentation: per plan cell, what stands and what is open above furniture.
 
@@ -261,7 +275,7 @@ class InstanceState:
     """All that fusion knows of one instance at one instant.
 
     points_map: float32 [N, 3]; embedding: float32 [D] unit length or None; labels: (name, score) best first, scores sum to <= 1.
-    room: id of the room that holds it, 0 = none. observations: pictures that saw it. existence: 0..1.
+    room: id of the room that holds it, 0 = none. observations: pictures that saw it, 0 for what only the LiDAR saw. existence: 0..1.
     state: present | moved (it stands elsewhere than where it was first found) | gone (its place was found empty; it ends soon).
     """
 

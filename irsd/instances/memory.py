@@ -108,6 +108,12 @@ class InstanceMemory:
         """The instances that own map points float32 [K, 3], with their embeddings of that ``dimension``."""
         return known_things(self._voxels, self._roster, points_map, dimension)
 
+    def claimed(self, points_map: Floats) -> Ints:
+        """Ids int64 [K] of the published instances that own map points float32 [K, 3], 0 = nobody's."""
+        slots = self._voxels.owners(points_map)
+        published = [slot for slot in np.unique(slots).tolist() if slot >= 0 and self._roster.by_slot[slot].published]
+        return np.where(np.isin(slots, published), self._roster.things.id[slots], 0)
+
     def _add_observation(self, instance: Instance, labels: Sequence[tuple[str, float]], stamp_ns: int) -> None:
         if instance.last_view != self._views:  # both halves of a split mask are one observation
             self._roster.things.observations[instance.slot] += 1

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from irsd.core.geometry import Pose, invert
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
-from irsd.core.types import CameraModel, MapBlock, MapUpdate, PlanEvidence, Structure, SyncedFrame
+from irsd.core.types import CameraModel, LooseChange, MapBlock, MapUpdate, PlanEvidence, Structure, SyncedFrame
 from irsd.mapping import frustum, kernels
 from irsd.mapping.floors import Floors, FloorSettings
+from irsd.mapping.loose import LooseSettings, LooseVoxels
 from irsd.mapping.network import NetworkSettings, StructureModel, StructureVotes
 from irsd.mapping.occupancy import OccupancySettings, SliceGrid
 from irsd.mapping.structure import LevelMap, Levels, StructureSettings, WallLines
@@ -30,6 +31,7 @@ class MappingSettings:
     structure: StructureSettings = field(default_factory=StructureSettings)
     floors: FloorSettings = field(default_factory=FloorSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
+    loose: LooseSettings = field(default_factory=LooseSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +46,12 @@ class _Storey:
 class Mapper:
     """Owner of the map. Only the map thread calls it; what it returns is not written again."""
 
-    def __init__(self, settings: MappingSettings, model: StructureModel | None = None) -> None:
-        """model: a network that votes on what voxels are part of, beside geometry."""
+    def __init__(self, settings: MappingSettings, model: StructureModel | None = None, *, parts: bool = False) -> None:
+        """model: a network that votes on what voxels are part of, beside geometry. parts: ``changed_parts`` will be asked for."""
         self.settings = settings
         self._votes = None if model is None else StructureVotes(settings.network, model)
         self.voxels = VoxelMap(settings.voxels)
+        self._loose = LooseVoxels(settings.loose, settings.structure, self.voxels) if parts else None
         self.levels = Levels(settings.structure)
         self.floors = Floors(settings.floors)
         self._storeys = {0: self._new_storey()}
@@ -84,6 +87,8 @@ class Mapper:
         self.level_map.update(surface, normals, self.levels)
         self._learn_walls(surface, normals)
         self._label(np.concatenate([rows, self._next_sweep(), self._voted(base)]), base)
+        if self._loose is not None:
+            self._loose.follow(rows, self.level_map, self.levels, self.walls)
         changed = None
         if len(points) and measured:  # what is seen from the stairs has no height above a floor
             level = np.abs(self.voxels.normal[self.voxels.coarse[touched.row_of_point], 2])
@@ -217,7 +222,19 @@ class Mapper:
     def forget(self, points: NDArray[np.float32]) -> None:
         """Nothing is at points [N, 3] any more: what was carried away does not hide what is behind."""
         if len(points):
+            if self._loose is not None:
+                rows = self.voxels.rows_at(points)
+                self._loose.forget(np.unique(rows[rows >= 0]))
             self.voxels.remove(points)
+
+    def changed_parts(self) -> LooseChange:
+        """The parts of the map that are no structure and hang together, where they changed since the last call."""
+        assert self._loose is not None, "Mapper(parts=True)"
+        return self._loose.changed()
+
+    def rows_at(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Row [K] of the voxel that holds each point [K, 3], -1 where there is none."""
+        return self.voxels.rows_at(points)
 
     def navigation_grid(self) -> tuple[GridFrame, NDArray[np.int8]]:
         """(frame, int8 [H, W]) at the robot's height: 100 occupied, 0 free, -1 unknown. Costs a pass over the grid."""
