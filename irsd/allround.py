@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
-from irsd.core.settings import setting
 from irsd.core.types import InstanceState, InstanceUpdate, Rooms
 from irsd.instances.memory import InstanceMemory
 from irsd.instances.proposals import NS_PER_S, Proposals, ProposalSettings

@@ -40,7 +40,7 @@ class Lookout:
         part = np.isin(structure[index], (Structure.WALL, Structure.FLOOR, Structure.CEILING))
         sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index], part)
         self._seq += 1
-        self.eyes.offer(PerceptionJob(self._seq, view, points, structure, sight, known))
+        self.eyes.offer(PerceptionJob(self._seq, view, points, structure, sight, known, mapper.levels.floor_z_m))
 
     def counters(self) -> dict[str, int]:
         """Keyframes that were offered, and pictures that were compared and found to be worth less."""

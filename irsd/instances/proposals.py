@@ -31,16 +31,21 @@ class ProposalSettings:
     """When a part of the map is a thing."""
 
     enabled: bool = setting(True, "with irsd's own eyes, parts of the map that no picture shows become things, too")
-    period_s: float = setting(1.0, "parts are looked at anew at most this often, in sensor time", lo=0.1, hi=60.0)
-    link_m: float = setting(0.05, "edge of the cells whose touching joins voxels within a part", lo=0.02, hi=0.5)
-    part_voxels: int = setting(60, "smaller pieces of a part join the nearest large one", lo=1, hi=10_000)
+    period_s: float = setting(2.0, "parts are looked at anew at most this often, in sensor time", lo=0.1, hi=60.0)
+    link_m: float = setting(0.05, "edge of the cells whose touching joins voxels of a heap", lo=0.02, hi=0.5)
+    part_voxels: int = setting(60, "smaller pieces of a heap join the nearest large one", lo=1, hi=10_000)
     min_voxels: int = setting(30, "smaller parts are no things", lo=3, hi=10_000)
-    max_size_m: float = setting(4.0, "parts with a longer diagonal are no things but heaps of them", lo=0.5, hi=50.0)
+    heap_m: float = setting(3.0, "parts with a longer diagonal are cut where their voxels don't touch", lo=0.5, hi=50.0)
+    max_size_m: float = setting(5.0, "parts with a longer diagonal are no things but heaps of them", lo=0.5, hi=50.0)
     settle_s: float = setting(4.0, "a part must keep its size for so long before it is told", lo=0.0, hi=600.0)
     settle_share: float = setting(0.25, "by more than this its size must not change meanwhile", lo=0.01, hi=10.0)
-    claimed: float = setting(0.5, "a part with this share of voxels claimed by pictures' instances is theirs", lo=0.1, hi=1.0)
+    claimed: float = setting(
+        0.5, "a part with this share of voxels claimed by pictures' instances is theirs", lo=0.1, hi=1.0
+    )
     complete_from: float = setting(0.25, "a single claimant with this share of a part gets all of it", lo=0.05, hi=1.0)
-    fill_m: float = setting(0.2, "of several claimants each gets what is unclaimed within this distance", lo=0.0, hi=2.0)
+    fill_m: float = setting(
+        0.2, "of several claimants each gets what is unclaimed within this distance", lo=0.0, hi=2.0
+    )
     existence: float = setting(0.6, "how sure a thing is that only the LiDAR saw", lo=0.05, hi=1.0)
 
 
@@ -116,6 +121,11 @@ class Proposals:
         out = []
         for a, b in zip(change.offset[:-1].tolist(), change.offset[1:].tolist(), strict=True):
             rows, points = change.rows[a:b], change.points_map[a:b]
+            if b - a < self.settings.min_voxels and not self._owner[rows].any():
+                continue  # specks, most of which stay specks
+            if b - a < self.settings.part_voxels or _diagonal(points) <= self.settings.heap_m:
+                out.append((rows, points))
+                continue
             piece = pieces_of(points, self.settings.link_m, self.settings.part_voxels)
             out += [(rows[piece == k], points[piece == k]) for k in range(int(piece.max(initial=-1)) + 1)]
         return out
@@ -222,7 +232,12 @@ class Proposals:
         return due
 
     def _judge(
-        self, part: _Part, owners: Callable[[Floats], Ints], rooms: Rooms | None, stamp_ns: int, out: list[InstanceState]
+        self,
+        part: _Part,
+        owners: Callable[[Floats], Ints],
+        rooms: Rooms | None,
+        stamp_ns: int,
+        out: list[InstanceState],
     ) -> set[int]:
         """Whether a part is a thing of its own now; returns the camera's instances to be told again."""
         s, before = self.settings, set(part.claimants)
@@ -233,11 +248,13 @@ class Proposals:
         if count == 0:
             self._end(part)
             return before
-        owner = owners(part.points)
+        if count < s.min_voxels and part.told is None:
+            return before
+        owner = owners(part.points) if self._camera else np.zeros(count, np.int64)
         self._note_claims(part, owner)
         claims = sum(part.claimants.values())
         alone = bool(claims) and max(part.claimants.values()) >= max(0.9 * claims, s.complete_from * count)
-        whole = float(np.linalg.norm(np.ptp(part.points, axis=0))) <= s.max_size_m
+        whole = _diagonal(part.points) <= s.max_size_m
         mostly = claims >= s.claimed * count
         part.taken = whole and (mostly or alone)
         free = part.points[owner == 0] if claims else part.points
@@ -253,14 +270,14 @@ class Proposals:
         return before | set(part.claimants)
 
     def _note_claims(self, part: _Part, owner: Ints) -> None:
+        if not owner.any():
+            return
         ids, counts = np.unique(owner[owner > 0], return_counts=True)
         part.claimants = {int(i): int(c) for i, c in zip(ids, counts, strict=True) if int(i) in self._camera}
         for instance_id in part.claimants:
             self._parts_of.setdefault(instance_id, set()).add(part.number)
 
-    def _tell(
-        self, part: _Part, points: Floats, rooms: Rooms | None, stamp_ns: int, out: list[InstanceState]
-    ) -> None:
+    def _tell(self, part: _Part, points: Floats, rooms: Rooms | None, stamp_ns: int, out: list[InstanceState]) -> None:
         last = part.told
         if last is not None and abs(len(points) - len(last.points_map)) <= 0.02 * len(points):
             return
@@ -334,6 +351,11 @@ class Proposals:
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
+def _diagonal(points: Floats) -> float:
+    """Of the box of points [n, 3], n >= 1."""
+    return float(np.linalg.norm(points.max(0) - points.min(0)))
+
+
 def pieces_of(points: Floats, link_m: float, least: int) -> NDArray[np.int64]:
     """Which piece each of points [n, 3] belongs to: connected ones of at least ``least`` points, smaller ones with the nearest."""
     part = np.asarray(connected_parts(points, link_m), np.int64)

@@ -224,7 +224,8 @@ class Governor:
         self.settings = settings
         self.account = CpuAccount(settings.cpu_cores)
         self.costs = {stage: CostModel(*cost) for stage, cost in costs.items()}
-        self.ladder = Ladder(tuple(r for r in LADDER if r.segment or Stage.SEGMENT in costs or not r.see))
+        # Boxes without masks are a rung only where something makes boxes.
+        self.ladder = Ladder(tuple(r for r in LADDER if r.segment or not r.see or Stage.DETECT in costs))
         self.stretch = 1.0  # wall seconds per CPU second of runs
         self.dropped: dict[str, int] = {}
         self._learn = learn

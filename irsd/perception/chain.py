@@ -6,47 +6,27 @@ what it got. What was found and not looked into is said to be unsure, so that no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.types import Detections
 from irsd.perception.budget import FULL, Rung, Stage
+from irsd.perception.found import Found, enlarged, looks_of, recognise, reduced, renumbered, scaled, solid
 from irsd.perception.fuse_views import VIEWS, fuse, views_of
 from irsd.perception.job import PerceptionJob, Sight
-from irsd.perception.kernels import Bools, Floats, Rows, best_boxes, paint, share_with_known
+from irsd.perception.kernels import Bools, Floats, best_boxes
 from irsd.perception.roles import Detector, ImageEncoder, Masks, Segmenter, Tagger
+from irsd.perception.seer import Runner, Trial
 from irsd.perception.settings import PerceptionSettings
 from irsd.perception.tagging import ZeroShotTagger
-
-T = TypeVar("T")
+from irsd.perception.trial import trials
 
 _UNNAMED = "object"
-
-
-class Runner(Protocol):
-    """Who decides whether and when a model runs, and counts what it costs."""
-
-    def run_stage(self, stage: Stage, items: int, work: Callable[[], T]) -> T | None:
-        """The work's result; None when it was refused or ended early."""
-        ...
-
-    def batch(self, stage: Stage, most: int) -> int:
-        """How many of ``most`` items should go into one run."""
-        ...
-
-    def drop(self, what: str, amount: int) -> None:
-        """Note what was left out."""
-        ...
-
-    def pictured(self, masks: int, crops: int) -> None:
-        """Note how many masks a picture has, and how many crops of them would be worth embedding."""
-        ...
 
 
 class Everything(Protocol):
@@ -79,17 +59,6 @@ class ModelSet:
     clear: Callable[[], None]
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """Masks with what the detector said of them: label '' where it said nothing; row of the known thing or -1."""
-
-    masks: Bools
-    scores: Floats
-    labels: tuple[str, ...]
-    known: Rows
-    ids_px: NDArray[np.uint16]
-
-
 class Chain:
     """Owner of the models' order and of the vocabulary's vectors. One thread."""
 
@@ -102,37 +71,49 @@ class Chain:
         """Of the embeddings."""
         return self.models.image_encoder.dimension
 
+    def cancel(self) -> None:
+        """See ``Seer.cancel``."""
+        self.models.cancel()
+
+    def clear(self) -> None:
+        """See ``Seer.clear``."""
+        self.models.clear()
+
+    def trials(self) -> Iterator[Trial]:
+        """See ``Seer.trials``."""
+        return trials(self.models, self.vocabulary)
+
     def see(self, job: PerceptionJob, rung: Rung, runner: Runner) -> Detections | None:
         """What the job's picture shows; None when not even the first stage could run."""
         assert job.view.image is not None
         full_hw = job.view.image.bgr.shape[:2]
-        image, scale = _reduced(job.view.image.bgr, rung.side_px)
+        image, scale = reduced(job.view.image.bgr, rung.side_px)
         unsure = np.zeros(image.shape[:2], np.bool_)
-        sight = _scaled(job.sight, scale)
+        sight = scaled(job.sight, scale)
         found = self._find(image, sight, rung, runner, unsure)
         if found is None:
             return None
-        found = self._recognise(found, sight, job)
+        found = recognise(found, sight, job, self.settings.known_iou)
         embedding, measured = self._embed(image, found, job, rung, runner)
         keep = np.flatnonzero(embedding.any(1))
         unsure |= np.isin(found.ids_px, 1 + np.flatnonzero(~embedding.any(1)))
-        ids = _renumbered(found.ids_px, keep)
+        ids = renumbered(found.ids_px, keep)
         names = [self._named(found.labels[k], float(found.scores[k]), embedding[k]) for k in keep.tolist()]
         return Detections(
             job.view.stamp_ns,
             job.view.camera.frame_id,
-            _enlarged(ids, full_hw),
+            enlarged(ids, full_hw),
             np.arange(1, len(keep) + 1, dtype=np.int32),
             np.array([ranked[0][1] for ranked in names], np.float32),
             tuple(ranked[0][0] for ranked in names),
             tuple(names),
             embedding[keep],
             measured[keep],
-            _enlarged(unsure.view(np.uint8), full_hw).astype(np.bool_) if unsure.any() else None,
+            enlarged(unsure.view(np.uint8), full_hw).astype(np.bool_) if unsure.any() else None,
         )
 
     # ------------------------------------------------------------------------------------------------ masks
-    def _find(self, image: NDArray[np.uint8], sight: Sight, rung: Rung, runner: Runner, unsure: Bools) -> _Found | None:
+    def _find(self, image: NDArray[np.uint8], sight: Sight, rung: Rung, runner: Runner, unsure: Bools) -> Found | None:
         """Masks with labels, and in ``unsure`` the boxes that were passed over."""
         detector, everything = self.models.detector, self.models.everything
         hw = (image.shape[0], image.shape[1])
@@ -140,7 +121,8 @@ class Chain:
             if everything is None or not rung.segment:
                 return None
             got = runner.run_stage(Stage.SEGMENT, 1, lambda: everything.segment_all(image))
-            return None if got is None else self._solid(got, ("",) * len(got.scores), got.scores, rung, unsure)
+            least = self.settings.min_mask_px
+            return None if got is None else solid(got, ("",) * len(got.scores), got.scores, rung, least, unsure)
         prompts = self._prompts(image, runner)
         if not prompts:
             return None
@@ -159,7 +141,7 @@ class Chain:
         if masks is None:
             masks = self.models.box_masks(corners, sight, hw)
         labels = tuple(prompts[p] for p in boxes.prompt[order].tolist())
-        return self._solid(masks, labels, boxes.scores[order], rung, unsure)
+        return solid(masks, labels, boxes.scores[order], rung, self.settings.min_mask_px, unsure)
 
     def _prompts(self, image: NDArray[np.uint8], runner: Runner) -> tuple[str, ...]:
         """What the detector is asked for; the whole vocabulary where tags can't be had."""
@@ -170,39 +152,9 @@ class Chain:
         tags = runner.run_stage(stage, 1, lambda: tagger.tag(image))
         return self.vocabulary if tags is None else tags.labels
 
-    def _solid(self, masks: Masks, labels: tuple[str, ...], scores: Floats, rung: Rung, unsure: Bools) -> _Found:
-        """The masks that are large enough to be seen once all are painted; best first, at most as many as the rung allows."""
-        order = np.argsort(-scores, kind="stable")
-        for k in order[rung.masks :].tolist():
-            unsure |= masks.masks[k]
-        order = order[: rung.masks]
-        ids = paint(masks.masks[order])
-        size = np.bincount(ids.reshape(-1), minlength=len(order) + 1)[1:]
-        keep = np.flatnonzero(size >= self.settings.min_mask_px)
-        chosen = order[keep]
-        return _Found(
-            masks.masks[chosen],
-            np.asarray(scores[chosen], np.float32),
-            tuple(labels[k] for k in chosen.tolist()),
-            np.full(len(chosen), -1, np.int32),
-            _renumbered(ids, keep),
-        )
-
-    def _recognise(self, found: _Found, sight: Sight, job: PerceptionJob) -> _Found:
-        """Which masks are things that are known already: each mask the thing that it shares most with, if it is enough."""
-        count, things = len(found.scores), len(job.known.id)
-        if not count or not things:
-            return found
-        share = share_with_known(found.ids_px, sight.pixel, sight.of_point, count, things)
-        best = share.argmax(1)
-        has_meaning = np.asarray(job.known.embedding.any(1))
-        sure = (share[np.arange(count), best] >= self.settings.known_iou) & has_meaning[best]
-        known = np.where(sure, best, -1).astype(np.int32)
-        return _Found(found.masks, found.scores, found.labels, known, found.ids_px)
-
     # ------------------------------------------------------------------------------------------------ meaning
     def _embed(
-        self, image: NDArray[np.uint8], found: _Found, job: PerceptionJob, rung: Rung, runner: Runner
+        self, image: NDArray[np.uint8], found: Found, job: PerceptionJob, rung: Rung, runner: Runner
     ) -> tuple[Floats, Bools]:
         """(embedding float32 [n, D], zero where there is none; whether it was measured [n]): new things first, then what was
         looked at least often; what is known well enough keeps what is known of it."""
@@ -210,10 +162,9 @@ class Chain:
         embedding, measured = np.zeros((count, self.dimension), np.float32), np.zeros(count, np.bool_)
         old = found.known >= 0
         embedding[old] = job.known.embedding[found.known[old]]
-        looks = np.where(old, job.known.looks[found.known] if len(job.known.looks) else 0, -1)
-        waits = np.where(old, job.known.last_seen_ns[found.known] if len(job.known.id) else 0, 0)
+        looks, order = looks_of(found, job.known)
         encoder = self.models.image_encoder
-        due = [k for k in np.lexsort((waits, looks)).tolist() if looks[k] < rung.looks]
+        due = [k for k in order.tolist() if looks[k] < rung.looks]
         worth = int((looks < FULL.looks).sum())
         runner.pictured(count, VIEWS * worth)
         runner.drop("refinement: known well enough for the rung", worth - len(due))
@@ -240,31 +191,3 @@ class Chain:
             return ((_UNNAMED, score),)
         best = sorted(ranked.items(), key=lambda pair: (-pair[1], pair[0]))
         return tuple((name, min(value, 1.0)) for name, value in best[: self.settings.top_labels])
-
-
-def _reduced(bgr: NDArray[np.uint8], side_px: int) -> tuple[NDArray[np.uint8], float]:
-    """(RGB whose longer side is at most side_px, its scale)."""
-    scale = min(side_px / max(bgr.shape[:2]), 1.0)
-    if scale < 1.0:
-        size = (max(round(bgr.shape[1] * scale), 1), max(round(bgr.shape[0] * scale), 1))
-        bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return np.ascontiguousarray(bgr[..., ::-1]), scale
-
-
-def _scaled(sight: Sight, scale: float) -> Sight:
-    pixel = ((sight.pixel + 0.5) * scale - 0.5).astype(np.float32) if scale < 1.0 else sight.pixel
-    return Sight(pixel, sight.depth_m, sight.of_point, sight.structural)
-
-
-def _renumbered(ids_px: NDArray[np.uint16], keep: NDArray[np.int64]) -> NDArray[np.uint16]:
-    """1, 2 .. for the masks ``keep`` in their order, 0 for all others."""
-    table = np.zeros(int(ids_px.max(initial=0)) + 1, np.uint16)
-    table[keep + 1] = np.arange(1, len(keep) + 1)
-    return np.asarray(table[ids_px], np.uint16)
-
-
-def _enlarged(pixels: NDArray[Any], hw: tuple[int, ...]) -> NDArray[Any]:
-    """Numbers [h, w] at another size; each pixel takes the nearest one's."""
-    if pixels.shape == tuple(hw):
-        return pixels
-    return np.asarray(cv2.resize(pixels, (hw[1], hw[0]), interpolation=cv2.INTER_NEAREST))

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from irsd.perception.budget import BudgetSettings, Governor, Readings, Stage
-from irsd.perception.chain import Chain
 from irsd.perception.job import PerceptionJob, PerceptionResult
+from irsd.perception.seer import Seer
 
 T = TypeVar("T")
 
@@ -17,7 +17,7 @@ _MAP_CORES = 0.2  # what mapping, rooms and fusion use at 5 sweeps/s, as measure
 class InlineEyes:
     """The chain on the caller's thread, at once: same input, same bytes. See ``worker.Eyes``."""
 
-    def __init__(self, chain: Chain, budget: BudgetSettings, costs: dict[Stage, tuple[float, float]]) -> None:
+    def __init__(self, chain: Seer, budget: BudgetSettings, costs: dict[Stage, tuple[float, float]]) -> None:
         self._chain = chain
         self._governor = Governor(budget, costs, learn=False)
         self._first = next(iter(costs))

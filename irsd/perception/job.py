@@ -29,6 +29,7 @@ class PerceptionJob:
     """One keyframe. view holds the picture, its camera and its pose.
 
     points_map: float32 [K, 3] and structure: uint8 [K], the map in view at the picture's time: what the result will be lifted with.
+    floor_z_m: height of the floor near the robot.
     """
 
     seq: int
@@ -37,6 +38,7 @@ class PerceptionJob:
     structure: NDArray[np.uint8]
     sight: Sight
     known: KnownThings
+    floor_z_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

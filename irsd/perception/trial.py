@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from irsd.perception.budget import Stage
-from irsd.perception.chain import ModelSet
+from irsd.perception.seer import Trial
+
+if TYPE_CHECKING:
+    from irsd.perception.chain import ModelSet
 
 _HW = (480, 640)
 
 
-def trials(models: ModelSet, vocabulary: Sequence[str]) -> Iterator[tuple[Stage, int, Callable[[], Any]]]:
+def trials(models: ModelSet, vocabulary: Sequence[str]) -> Iterator[Trial]:
     """(stage, items, the run) of all models that there are, each with few and with more items where the number matters."""
     rng = np.random.default_rng(0)
     image = rng.integers(0, 256, (*_HW, 3), dtype=np.uint8)

@@ -18,9 +18,8 @@ from irsd.core.errors import ModelError, RunCancelledError
 from irsd.core.runtime import Cell, Counters, Event, Guarded, Mailbox, Ring, Stopper, monotonic_s
 from irsd.perception import meter
 from irsd.perception.budget import Governor, Readings, Stage
-from irsd.perception.chain import Chain
 from irsd.perception.job import PerceptionJob, PerceptionResult
-from irsd.perception.trial import trials
+from irsd.perception.seer import Seer
 
 T = TypeVar("T")
 
@@ -90,15 +89,15 @@ class LiveEyes:
 
     def __init__(
         self,
-        chain: Chain,
+        chain: Seer,
         governor: Governor,
         *,
         threads: Iterable[int],
         models: Callable[[], list[dict[str, Any]]] = list,
     ) -> None:
-        self._chain: Chain | None = chain
+        self._chain: Seer | None = chain
         self._governor, self._models = governor, models
-        self._cancel, self._clear = chain.models.cancel, chain.models.clear
+        self._cancel, self._clear = chain.cancel, chain.clear
         self._dimension = chain.dimension
         self._short_since_s: float | None = None
         self._pool = frozenset(threads)
@@ -164,7 +163,7 @@ class LiveEyes:
         """Every model once on a picture of noise: what it costs is known before it matters. Before the threads start."""
         self._threads = self._pool | {meter.own_thread_id()}
         assert self._chain is not None
-        for stage, items, work in trials(self._chain.models, self._chain.vocabulary):
+        for stage, items, work in self._chain.trials():
             self._measured(stage, items, work)
         gc.collect()
         self._memory.trim()
@@ -235,7 +234,7 @@ class LiveEyes:
 
     # ------------------------------------------------------------------------------------------------ the runner
     def run_stage(self, stage: Stage, items: int, work: Callable[[], T]) -> T | None:
-        """See ``chain.Runner.run_stage``: waits until the budget allows the run."""
+        """See ``seer.Runner.run_stage``: waits until the budget allows the run."""
         governor, began_s = self._governor, monotonic_s()
         while True:
             self._beat(NAME)

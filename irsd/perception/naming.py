@@ -1,0 +1,152 @@
+"""Names of things by shape and by picture together, over one vocabulary, with an honest way out: what is like nothing is an "object".
+
+The chance of a name is softmax(shape_scale * cosine by shape + image_scale * cosine by picture); the scales come with the networks and
+say how far each can be trusted. Shapes are encoded anew only when a cloud has changed by much, a few at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.settings import setting
+from irsd.core.types import InstanceState, Prototype
+from irsd.perception.prototypes import Example, liken
+
+Floats = NDArray[np.float32]
+UNKNOWN = "object"
+
+
+@dataclass(frozen=True)
+class NamingSettings:
+    """How irsd's own eyes name things."""
+
+    shape_scale: float = setting(20.0, "weight of the shape: what a cosine by shape counts", lo=0.0, hi=1000.0)
+    image_scale: float = setting(20.0, "weight of the picture: what a cosine by picture counts", lo=0.0, hi=1000.0)
+    min_probability: float = setting(0.25, "a best name with a smaller chance is not given: the thing is an object", lo=0.0)
+    shapes_per_step: int = setting(6, "clouds encoded per step of the graph; the others wait", lo=1, hi=1000)
+    changed_share: float = setting(0.2, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0)
+    top_labels: int = setting(5, "names given with a thing", lo=1, hi=50)
+
+
+class Shapes(Protocol):
+    """Point clouds as vectors in the space of the names."""
+
+    def encode(self, clouds: Sequence[Floats], floor_z_m: float) -> Floats:
+        """float32 [n, D], unit rows (zero: says nothing), of n clouds float32 [k, 3] in the map frame above a floor at floor_z_m."""
+        ...
+
+
+Embed = Callable[[Sequence[str]], Floats]
+
+
+@dataclass(slots=True)
+class _Known:
+    """What is known of one thing: the state as fusion told it, its shape's vector, and the cloud's points and extent then."""
+
+    state: InstanceState
+    shape: Floats | None = None
+    points: int = 0
+    extent_m: Floats | None = None
+
+
+class Namer:
+    """Owner of the shapes' vectors. One thread."""
+
+    def __init__(self, settings: NamingSettings, shapes: Shapes, embed: Embed, vocabulary: Sequence[str]) -> None:
+        """embed: names to unit vectors float32 [n, D]; vocabulary: the names that things may get."""
+        self._settings, self._shapes, self._embed = settings, shapes, embed
+        self._names = tuple(dict.fromkeys([*vocabulary, UNKNOWN]))
+        self._vectors = np.asarray(embed(self._names), np.float32)
+        self._known: dict[int, _Known] = {}
+        self._waiting: dict[int, None] = {}
+        self._examples: tuple[Example, ...] = ()
+        self._taught: tuple[Prototype, ...] = ()
+
+    def learn(self, taught: tuple[Prototype, ...]) -> None:
+        """What operators taught, all of it; things are named anew as they change."""
+        if taught == self._taught:
+            return
+        self._taught = taught
+        shapes = self._shapes.encode([p.points_m for p in taught], 0.0) if taught else []
+        self._examples = tuple(Example(p.name, shape, p.embedding) for p, shape in zip(taught, shapes, strict=True))
+        self._waiting.update(dict.fromkeys(sorted(self._known)))
+
+    def name(
+        self, changed: Iterable[InstanceState], ended: Iterable[int], floor_z_m: Callable[[int], float]
+    ) -> tuple[InstanceState, ...]:
+        """The changed states with names, and those that got another name because their turn has come, by id.
+
+        floor_z_m: height of the floor in the room of an id.
+        """
+        due: dict[int, None] = {}
+        for state in changed:
+            known = self._known.get(state.id)
+            if known is None:
+                self._known[state.id] = known = _Known(state)
+            known.state = state
+            due[state.id] = None
+            if self._has_changed(known):
+                self._waiting[state.id] = None
+        for instance_id in ended:
+            if instance_id not in due:
+                self._known.pop(instance_id, None)
+                self._waiting.pop(instance_id, None)
+        for instance_id in list(self._waiting)[: self._settings.shapes_per_step]:
+            del self._waiting[instance_id]
+            self._measure(self._known[instance_id], floor_z_m)
+            due[instance_id] = None
+        return tuple(self._named(self._known[i]) for i in sorted(due))
+
+    def _has_changed(self, known: _Known) -> bool:
+        """Whether the cloud is much another one than that which was encoded."""
+        points, share = known.state.points_map, self._settings.changed_share
+        if known.extent_m is None or abs(len(points) - known.points) > share * known.points:
+            return True
+        return bool((np.abs(_extent(points) - known.extent_m) > share * known.extent_m + 0.05).any())
+
+    def _measure(self, known: _Known, floor_z_m: Callable[[int], float]) -> None:
+        state = known.state
+        vector = self._shapes.encode([state.points_map], floor_z_m(state.room))[0]
+        known.shape = vector if vector.any() else None
+        known.points, known.extent_m = len(state.points_map), _extent(state.points_map)
+
+    def _named(self, known: _Known) -> InstanceState:
+        image = known.state.embedding
+        image = image if image is not None and image.shape == self._vectors.shape[1:] else None
+        return replace(known.state, labels=self.rank(known.shape, image))
+
+    def rank(self, shape: Floats | None, image: Floats | None) -> tuple[tuple[str, float], ...]:
+        """(name, chance) best first of a thing with these unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""
+        s = self._settings
+        if shape is None and image is None:
+            return ((UNKNOWN, 1.0),)
+        logits = np.zeros(len(self._names))
+        logits += 0.0 if shape is None else s.shape_scale * (self._vectors @ shape)
+        logits += 0.0 if image is None else s.image_scale * (self._vectors @ image)
+        at = {name: float(logit) for name, logit in zip(self._names, logits, strict=True)}
+        for name, (by_shape, by_image) in liken(self._examples, shape, image).items():
+            logit = (0.0 if shape is None else s.shape_scale * by_shape) + (0.0 if image is None else s.image_scale * by_image)
+            at[name] = max(at.get(name, -np.inf), logit)
+        names, values = list(at), np.array(list(at.values()))
+        chance = np.exp(values - values.max())
+        chance /= chance.sum()
+        order = sorted(range(len(names)), key=lambda k: (-chance[k], names[k]))
+        best = [(names[k], _down(float(chance[k]))) for k in order if names[k] != UNKNOWN]
+        unknown = _down(float(chance[names.index(UNKNOWN)]))
+        if best[0][1] < max(s.min_probability, unknown):
+            return ((UNKNOWN, max(unknown, best[0][1])), *best)[: s.top_labels]
+        return tuple(best[: s.top_labels])
+
+
+def _extent(points: Floats) -> Floats:
+    return np.asarray(points.max(0) - points.min(0), np.float32)
+
+
+def _down(value: float) -> float:
+    """Rounded down, so that chances never add up to more than one."""
+    return int(value * 1e6) / 1e6
