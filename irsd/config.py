@@ -24,6 +24,7 @@ from irsd.health import HealthSettings
 from irsd.ingest import IngestSettings, topics_of
 from irsd.instances.lift import LiftSettings
 from irsd.instances.memory import FusionSettings
+from irsd.instances.proposals import ProposalSettings
 from irsd.io.endpoints import ZenohSettings
 from irsd.io.keys import check_robot_name
 from irsd.mapping.mapper import MappingSettings
@@ -55,6 +56,7 @@ class PipelineSettings:
     rooms: RoomSettings = field(default_factory=RoomSettings)
     lift: LiftSettings = field(default_factory=LiftSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
+    proposals: ProposalSettings = field(default_factory=ProposalSettings)
     graph: GraphSettings = field(default_factory=GraphSettings)
 
 

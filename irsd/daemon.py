@@ -42,7 +42,7 @@ from irsd.io.keys import RobotKeys, check_robot_name
 from irsd.io.publishers import GraphPublisher
 from irsd.io.session import Session, open_session, with_environment
 from irsd.maploop import MapLoop, MapState, Publication
-from irsd.opening import open_live_eyes, without_lost_network
+from irsd.opening import open_live_eyes, open_names, without_lost_network
 from irsd.perception import worker as perception
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.worker import LiveEyes
@@ -286,7 +286,8 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     if eyes is not None:
         config = with_pictures(config)
     config = without_lost_network(config, missing)
-    pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes)
+    namer = open_names(config, labels, missing)
+    pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes, namer=namer)
     if stored is not None:
         pipeline.restore(stored)
         graph = pipeline.snapshot()

@@ -13,6 +13,29 @@ from irsd.perception.job import PerceptionJob, Sight
 from irsd.perception.select import KeyframeSelector
 from irsd.perception.worker import Eyes
 
+_ALONE_NS = 10_000_000_000  # without detections from outside, after which irsd sees by itself again
+_PATIENCE_NS = 3_000_000_000  # at the start, for a detector to be heard
+
+
+class Company:
+    """Whether somebody else sees: while detections come from outside, irsd's own eyes rest. By sensor time alone."""
+
+    def __init__(self) -> None:
+        self._first_ns: int | None = None
+        self._heard_ns: int | None = None
+
+    def heard(self, stamp_ns: int) -> None:
+        """Detections of a picture of this time came from outside."""
+        self._heard_ns = stamp_ns if self._heard_ns is None else max(self._heard_ns, stamp_ns)
+
+    def alone(self, now_ns: int) -> bool:
+        """Whether irsd must see by itself."""
+        if self._first_ns is None:
+            self._first_ns = now_ns
+        if self._heard_ns is not None:
+            return now_ns - self._heard_ns > _ALONE_NS
+        return now_ns - self._first_ns >= _PATIENCE_NS
+
 
 class Lookout:
     """Owner of what was looked at. Called by the map thread for every picture."""

@@ -9,15 +9,18 @@ from pathlib import Path
 from irsd.config import IrsdConfig
 from irsd.core.errors import ModelError
 from irsd.perception.budget import Governor
+from irsd.perception.encoder import LabelEncoder
 from irsd.perception.eyes import open_eyes
+from irsd.perception.naming import Namer
+from irsd.perception.nano import open_namer
 from irsd.perception.worker import LiveEyes
 
 _log = logging.getLogger(__name__)
 
 
 def open_live_eyes(config: IrsdConfig, missing: list[str]) -> LiveEyes | None:
-    """The models opened and tried once; None where the configuration names none, or one of them is missing (said in ``missing``)."""
-    if not config.perception.image_encoder:
+    """The models opened and tried once; None where the configuration wants none, or one of them is missing (said in ``missing``)."""
+    if not config.perception.image_encoder and not config.perception.nano:
         return None
     try:
         opened = open_eyes(config.perception, config.models)
@@ -25,13 +28,23 @@ def open_live_eyes(config: IrsdConfig, missing: list[str]) -> LiveEyes | None:
         _log.error("irsd sees nothing by itself: %s", error)
         missing.append(f"eyes: {error}")
         return None
-    eyes = LiveEyes(
-        opened.chain, Governor(config.budget, opened.costs), threads=opened.threads, models=opened.opener.status
-    )
+    eyes = LiveEyes(opened.chain, Governor(config.budget, opened.costs), threads=opened.threads, models=opened.models)
     eyes.warm_up()
-    for model in opened.opener.status():
+    for model in opened.models():
         _log.info("%(model)s %(part)s: %(precision)s on %(providers)s %(fallback)s", model)
     return eyes
+
+
+def open_names(config: IrsdConfig, labels: LabelEncoder, missing: list[str]) -> Namer | None:
+    """Who names things by shape, beside the shipped eyes; None where others see, or the network is missing (said in ``missing``)."""
+    if config.perception.image_encoder or not config.perception.nano:
+        return None
+    try:
+        return open_namer(config.perception, labels)
+    except ModelError as error:
+        _log.error("things that only the LiDAR sees stay unknown: %s", error)
+        missing.append(f"names: {error}")
+        return None
 
 
 def without_lost_network(config: IrsdConfig, missing: list[str]) -> IrsdConfig:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irsd.allround import AllRound
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
 from irsd.core.types import CameraView, MapUpdate, Prototype, Rooms, SyncedFrame
@@ -27,9 +28,10 @@ from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.graph.store import StoredMap
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
-from irsd.lookout import Lookout
+from irsd.lookout import Company, Lookout
 from irsd.mapping.mapper import Mapper
 from irsd.perception.encoder import LabelEncoder
+from irsd.perception.naming import Namer
 from irsd.perception.structure_net import structure_model
 from irsd.perception.worker import Eyes
 from irsd.rooms.stage import RoomStage
@@ -63,11 +65,14 @@ class MapPipeline:
         map_id: str,
         frame: str = "map",
         eyes: Eyes | None = None,
+        namer: Namer | None = None,
     ) -> None:
-        """eyes: who looks at pictures that come without detections; None: nobody."""
+        """eyes: who looks at pictures that come without detections; None: nobody. namer: who names things by shape and picture; with
+        one, what stands alone in the LiDAR's map becomes things, too."""
         warm_up()  # compiled kernels are loaded now, not in the first frame
         self._settings = settings
-        self._mapper = Mapper(settings.mapping, structure_model(settings.mapping.network.model))
+        network = structure_model(settings.mapping.network.model)
+        self._mapper = Mapper(settings.mapping, network, parts=namer is not None)
         self._room_stage = RoomStage(settings.rooms)
         self._memory = InstanceMemory(settings.fusion, labels.encode, self._mapper)
         self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)
@@ -76,6 +81,8 @@ class MapPipeline:
         self._graph_due_ns = 0
         self._stamp_ns = 0
         self._lookout = None if eyes is None else Lookout(eyes, settings.lift)
+        self._company = Company()
+        self._allround = None if namer is None else AllRound(settings.proposals, namer, self._mapper, self._memory)
         self._sweeps_without_rooms = 0
         self._over: tuple[int, ...] = ()
 
@@ -88,6 +95,10 @@ class MapPipeline:
         with _timed(ms, "mapping"):
             update = self._mapper.integrate(frame)
 
+        if self._allround is not None:
+            with _timed(ms, "parts"):
+                self._allround.follow(frame.stamp_ns)
+
         # 2. Rooms: the stage looks at the plan now and then, and spreads its work over the scans.
         with _timed(ms, "rooms"):
             followed = self._follow_rooms(frame)
@@ -95,10 +106,11 @@ class MapPipeline:
         # 3. What the cameras saw: masks to 3D points, points to instances.
         for view in frame.views:
             if view.detections is not None:
+                self._company.heard(view.stamp_ns)
                 with _timed(ms, "lift"):
                     seen = self._mapper.visible(view.map_T_camera, view.camera, self._settings.lift.max_range_m)
                 self._observe(view, *seen, ms)
-            elif self._lookout is not None and view.image is not None:
+            elif self._lookout is not None and view.image is not None and self._company.alone(view.stamp_ns):
                 with _timed(ms, "keyframes"):
                     self._lookout.show(view, self._mapper, self._memory, self._rooms)
         self._observe_answers(ms)
@@ -181,7 +193,10 @@ class MapPipeline:
         )
         self._room_stage.reserve(stored.next_ids.get("R", 1))
         states = self._builder.states_beneath()
-        self._memory.restore([state for state in states if state.state != "gone"])
+        there = [state for state in states if state.state != "gone"]
+        self._memory.restore([state for state in there if state.observations or self._allround is None])
+        if self._allround is not None:
+            self._allround.restore([state for state in there if not state.observations])
         self._memory.reserve(max([stored.next_ids.get("I", 1), *(number_of(n.id) + 1 for n in snapshot.instances)]))
         # What was told of as gone has no one left who would end it.
         self._over = tuple(state.id for state in states if state.state == "gone")
@@ -234,6 +249,10 @@ class MapPipeline:
             instances = self._memory.collect(stamp_ns)
             if self._over:
                 instances, self._over = replace(instances, ended=(*self._over, *instances.ended)), ()
+        if self._allround is not None:
+            with _timed(ms, "parts"):
+                alone, taught = self._company.alone(stamp_ns), self._builder.prototypes()
+                instances = self._allround.join(instances, self._rooms, stamp_ns, alone=alone, taught=taught)
         with _timed(ms, "graph"):
             delta = self._builder.build(self._rooms, instances, stamp_ns)
             if delta is not None:

@@ -54,9 +54,11 @@ MAY_IMPORT: tuple[tuple[str, tuple[str, ...]], ...] = (
             "irsd.perception",
             "irsd.config",
             "irsd.lookout",
+            "irsd.allround",
             "irsd.warm",
         ),
     ),
+    ("irsd.allround", ("irsd.core", "irsd.mapping", "irsd.instances", "irsd.perception")),
     ("irsd.opening", ("irsd.core", "irsd.config", "irsd.perception")),
     ("irsd.lookout", ("irsd.core", "irsd.mapping", "irsd.instances", "irsd.perception")),
     (

@@ -216,12 +216,14 @@ def play(target: Target, files: tuple[Path, ...], rate: float, as_json: bool) ->
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the results.")
 @click.option(
     "--perception",
-    metavar="foundation|external:FILE.mcap",
-    help="Who sees: the models of --config, or recorded detections (default: those in FILE.mcap).",
+    metavar="nano|foundation|external:FILE.mcap",
+    default="nano",
+    show_default=True,
+    help="Who sees where FILE.mcap holds no detections: irsd's own networks, the models of --config, or a recorded detector.",
 )
 @click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="irsd.yaml to use.")
 @json_option
-def replay(files: tuple[Path, ...], out: Path, perception: str | None, config: Path | None, as_json: bool) -> int:
+def replay(files: tuple[Path, ...], out: Path, perception: str, config: Path | None, as_json: bool) -> int:
     """Run the pipeline over recordings, as fast as it goes, and write the graph."""
     from irsd.ctl import recordings
 

@@ -6,7 +6,7 @@ import json
 import resource
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,15 @@ from irsd.io.session import CDR, JSON, open_session
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.eyes import open_eyes
 from irsd.perception.inline import InlineEyes
+from irsd.perception.naming import Namer
+from irsd.perception.nano import open_namer
 from irsd.pipeline import MapPipeline, StepResult
 from irsd.sensors.replay import RawMessage, read_messages
 from irsd.sensors.sync import Synchronizer
 
 PROGRESS_S = 2.0
 REPLAY_MAP_ID = "replay"
-FOUNDATION = "foundation"
+NANO, FOUNDATION = "nano", "foundation"
 
 
 # ---------------------------------------------------------------------------------------------------------------- replay
@@ -68,18 +70,18 @@ class Offline:
             self.last_ns = frame.stamp_ns
 
 
-def replay(files: Sequence[Path], out: Path, perception: str | None, config: Path | None, as_json: bool) -> int:
+def replay(files: Sequence[Path], out: Path, perception: str, config: Path | None, as_json: bool) -> int:
     """Recordings through the pipeline as fast as it goes; writes the output folder."""
     paths = [*files, *external_perception(perception)]
     settings = load_config(config) if config is not None else IrsdConfig()
     labels = LabelEncoder.load()
-    eyes = foundation_eyes(settings) if perception == FOUNDATION else None
+    eyes, namer = own_eyes(settings, perception, labels)
     if eyes is not None:
         settings = with_pictures(settings)
     offline = Offline(
         SensorDecoder(settings.ingest),
         Synchronizer(settings.sync),
-        MapPipeline(settings.pipeline, labels, map_id=REPLAY_MAP_ID, eyes=eyes),
+        MapPipeline(settings.pipeline, labels, map_id=REPLAY_MAP_ID, eyes=eyes, namer=namer),
         eyes,
     )
     wall_s, cpu_s, shown_s = monotonic_s(), time.process_time(), monotonic_s()
@@ -109,24 +111,28 @@ def replay(files: Sequence[Path], out: Path, perception: str | None, config: Pat
     return 0
 
 
-def external_perception(perception: str | None) -> list[Path]:
+def external_perception(perception: str) -> list[Path]:
     """The detection recording named by ``external:FILE.mcap``, none for irsd's own eyes; ConfigError for anything else."""
-    if perception is None or perception == FOUNDATION:
+    if perception in (NANO, FOUNDATION):
         return []
     kind, _, name = perception.partition(":")
     if kind != "external" or not name:
-        raise ConfigError(f"--perception {perception}: must be {FOUNDATION} or external:FILE.mcap")
+        raise ConfigError(f"--perception {perception}: must be {NANO}, {FOUNDATION} or external:FILE.mcap")
     if not Path(name).is_file():
         raise ConfigError(f"--perception {perception}: there is no file {name}")
     return [Path(name)]
 
 
-def foundation_eyes(settings: IrsdConfig) -> InlineEyes:
-    """The models of the configuration; ConfigError when it names none."""
-    if not settings.perception.image_encoder:
+def own_eyes(settings: IrsdConfig, perception: str, labels: LabelEncoder) -> tuple[InlineEyes | None, Namer | None]:
+    """The shipped networks, or the models of the configuration, and who names things; ConfigError when it names none."""
+    if perception not in (NANO, FOUNDATION):
+        return None, None
+    if perception == FOUNDATION and not settings.perception.image_encoder:
         raise ConfigError(f"--perception {FOUNDATION}: perception.image_encoder is not set (--config FILE)")
-    opened = open_eyes(settings.perception, settings.models)
-    return InlineEyes(opened.chain, settings.budget, opened.costs)
+    seeing = settings.perception if perception == FOUNDATION else replace(settings.perception, image_encoder="")
+    opened = open_eyes(seeing, settings.models)
+    eyes = InlineEyes(opened.chain, settings.budget, opened.costs)
+    return eyes, open_namer(seeing, labels) if perception == NANO else None
 
 
 def measured(offline: Offline, wall_s: float, cpu_s: float) -> dict[str, Any]:

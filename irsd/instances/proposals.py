@@ -34,9 +34,15 @@ class ProposalSettings:
     period_s: float = setting(2.0, "parts are looked at anew at most this often, in sensor time", lo=0.1, hi=60.0)
     link_m: float = setting(0.05, "edge of the cells whose touching joins voxels of a heap", lo=0.02, hi=0.5)
     part_voxels: int = setting(60, "smaller pieces of a heap join the nearest large one", lo=1, hi=10_000)
-    min_voxels: int = setting(30, "smaller parts are no things", lo=3, hi=10_000)
+    min_voxels: int = setting(40, "smaller parts are no things", lo=3, hi=10_000)
     heap_m: float = setting(3.0, "parts with a longer diagonal are cut where their voxels don't touch", lo=0.5, hi=50.0)
     max_size_m: float = setting(5.0, "parts with a longer diagonal are no things but heaps of them", lo=0.5, hi=50.0)
+    line_share: float = setting(
+        0.06,
+        "parts whose spread across is a smaller share of that along are traces of single LiDAR beams, no things",
+        lo=0.0,
+        hi=1.0,
+    )
     settle_s: float = setting(4.0, "a part must keep its size for so long before it is told", lo=0.0, hi=600.0)
     settle_share: float = setting(0.25, "by more than this its size must not change meanwhile", lo=0.01, hi=10.0)
     claimed: float = setting(
@@ -178,7 +184,8 @@ class Proposals:
     ) -> InstanceUpdate:
         """The camera's update with what the map adds to it.
 
-        rows_at: voxel rows [K] of points [K, 3], -1 = none; owners: ids [K] of the camera's published instances that own them, 0 = none.
+        rows_at: voxel rows [K] of points [K, 3], -1 = none; owners: ids [K] of the camera's published instances that own them, 0 =
+        none.
         """
         told = {state.id: state for state in update.changed}
         self._camera.update(told)
@@ -258,7 +265,7 @@ class Proposals:
         mostly = claims >= s.claimed * count
         part.taken = whole and (mostly or alone)
         free = part.points[owner == 0] if claims else part.points
-        if not whole or mostly or alone or len(free) < s.min_voxels:
+        if not whole or mostly or alone or len(free) < s.min_voxels or _across(free) < s.line_share:
             if part.told is not None:
                 into = max(part.claimants, key=lambda i: (part.claimants[i], -i), default=0)
                 self._ended.append((part.id, into))
@@ -266,7 +273,7 @@ class Proposals:
         elif part.told is None and stamp_ns - part.since_ns < round(s.settle_s * NS_PER_S):
             self._waiting[part.number] = None
         else:
-            self._tell(part, free, rooms, stamp_ns, out)
+            self._tell(part, free, rooms, stamp_ns, out, anew=before != set(part.claimants))
         return before | set(part.claimants)
 
     def _note_claims(self, part: _Part, owner: Ints) -> None:
@@ -277,9 +284,11 @@ class Proposals:
         for instance_id in part.claimants:
             self._parts_of.setdefault(instance_id, set()).add(part.number)
 
-    def _tell(self, part: _Part, points: Floats, rooms: Rooms | None, stamp_ns: int, out: list[InstanceState]) -> None:
+    def _tell(
+        self, part: _Part, points: Floats, rooms: Rooms | None, stamp_ns: int, out: list[InstanceState], *, anew: bool
+    ) -> None:
         last = part.told
-        if last is not None and abs(len(points) - len(last.points_map)) <= 0.02 * len(points):
+        if last is not None and not anew and abs(len(points) - len(last.points_map)) <= 0.02 * len(points):
             return
         part.id = part.id or self._take_id()
         part.told = InstanceState(
@@ -354,6 +363,12 @@ class Proposals:
 def _diagonal(points: Floats) -> float:
     """Of the box of points [n, 3], n >= 1."""
     return float(np.linalg.norm(points.max(0) - points.min(0)))
+
+
+def _across(points: Floats) -> float:
+    """Second largest by largest standard deviation of points [n, 3] along their principal axes; 0 for a line."""
+    values = np.linalg.eigvalsh(np.cov(points.astype(np.float64).T))
+    return float(np.sqrt(max(values[1], 0.0) / max(values[2], 1e-12)))
 
 
 def pieces_of(points: Floats, link_m: float, least: int) -> NDArray[np.int64]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from irsd.core.errors import ModelError
 from irsd.perception import meter
@@ -18,7 +20,9 @@ from irsd.perception.families.prompted import PromptedSegmenter
 from irsd.perception.job import Sight
 from irsd.perception.kernels import Floats
 from irsd.perception.models import Cancel
+from irsd.perception.nano import COSTS, nano_status, open_nano_chain
 from irsd.perception.roles import Masks, Segmenter, Tagger, TextEncoder
+from irsd.perception.seer import Seer
 from irsd.perception.settings import INDOOR, PerceptionSettings
 from irsd.perception.tagging import CLIP_LIKENESS, SIGLIP_LIKENESS, ZeroShotTagger
 
@@ -29,16 +33,27 @@ _UNKNOWN_MS = 500.0  # of a network that nobody measured
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A chain, the (fixed, each) CPU seconds that its stages are believed to cost, and the threads that the networks made."""
+    """A chain, the (fixed, each) CPU seconds that its stages are believed to cost, the threads that the networks made, and what runs
+    on what."""
 
-    chain: Chain
+    chain: Seer
     costs: dict[Stage, tuple[float, float]]
     threads: frozenset[int]
-    opener: ModelOpener
+    models: Callable[[], list[dict[str, Any]]]
 
 
 def open_eyes(settings: PerceptionSettings, where: ModelSettings) -> Opened:
-    """Opens every model that the settings name. Raises ModelError with what to do."""
+    """The models that the settings name, else the shipped ones. Raises ModelError with what to do."""
+    return _open_named(settings, where) if settings.image_encoder else _open_nano(settings, where)
+
+
+def _open_nano(settings: PerceptionSettings, where: ModelSettings) -> Opened:
+    before = meter.thread_ids()
+    chain = open_nano_chain(settings, where, Cancel())
+    return Opened(chain, dict(COSTS), meter.thread_ids() - before, nano_status)
+
+
+def _open_named(settings: PerceptionSettings, where: ModelSettings) -> Opened:
     before = meter.thread_ids()
     cancel = Cancel()
     opener = ModelOpener(where, cancel=cancel)
@@ -66,7 +81,7 @@ def open_eyes(settings: PerceptionSettings, where: ModelSettings) -> Opened:
         clear=cancel.clear,
     )
     chain = Chain(settings, role_set, vocabulary)
-    return Opened(chain, stage_costs(opener, settings), meter.thread_ids() - before, opener)
+    return Opened(chain, stage_costs(opener, settings), meter.thread_ids() - before, opener.status)
 
 
 def _everything(segmenter: Segmenter | None, settings: PerceptionSettings) -> GridPrompter:

@@ -1,4 +1,4 @@
-"""What every chain does with masks, whoever made them: which are kept, which are known already, and in what order they are worth a look."""
+"""What every chain does with masks, whoever made them: which are kept, which are known, in what order they are worth a look."""
 
 from __future__ import annotations
 

@@ -27,9 +27,13 @@ class NamingSettings:
 
     shape_scale: float = setting(20.0, "weight of the shape: what a cosine by shape counts", lo=0.0, hi=1000.0)
     image_scale: float = setting(20.0, "weight of the picture: what a cosine by picture counts", lo=0.0, hi=1000.0)
-    min_probability: float = setting(0.25, "a best name with a smaller chance is not given: the thing is an object", lo=0.0)
+    min_probability: float = setting(
+        0.25, "a best name with a smaller chance is not given: the thing is an object", lo=0.0
+    )
     shapes_per_step: int = setting(6, "clouds encoded per step of the graph; the others wait", lo=1, hi=1000)
-    changed_share: float = setting(0.2, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0)
+    changed_share: float = setting(
+        0.2, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0
+    )
     top_labels: int = setting(5, "names given with a thing", lo=1, hi=50)
 
 
@@ -121,7 +125,7 @@ class Namer:
         return replace(known.state, labels=self.rank(known.shape, image))
 
     def rank(self, shape: Floats | None, image: Floats | None) -> tuple[tuple[str, float], ...]:
-        """(name, chance) best first of a thing with these unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""
+        """(name, chance) best first of a thing with unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""
         s = self._settings
         if shape is None and image is None:
             return ((UNKNOWN, 1.0),)
@@ -130,7 +134,9 @@ class Namer:
         logits += 0.0 if image is None else s.image_scale * (self._vectors @ image)
         at = {name: float(logit) for name, logit in zip(self._names, logits, strict=True)}
         for name, (by_shape, by_image) in liken(self._examples, shape, image).items():
-            logit = (0.0 if shape is None else s.shape_scale * by_shape) + (0.0 if image is None else s.image_scale * by_image)
+            logit = (0.0 if shape is None else s.shape_scale * by_shape) + (
+                0.0 if image is None else s.image_scale * by_image
+            )
             at[name] = max(at.get(name, -np.inf), logit)
         names, values = list(at), np.array(list(at.values()))
         chance = np.exp(values - values.max())
@@ -138,9 +144,14 @@ class Namer:
         order = sorted(range(len(names)), key=lambda k: (-chance[k], names[k]))
         best = [(names[k], _down(float(chance[k]))) for k in order if names[k] != UNKNOWN]
         unknown = _down(float(chance[names.index(UNKNOWN)]))
-        if best[0][1] < max(s.min_probability, unknown):
-            return ((UNKNOWN, max(unknown, best[0][1])), *best)[: s.top_labels]
-        return tuple(best[: s.top_labels])
+        if best[0][1] >= s.min_probability and best[0][1] > unknown:
+            return tuple(best[: s.top_labels])
+        # Nothing is likely enough: what the names that are told leave over is the chance of none of them, and it is told first.
+        best = best[: s.top_labels - 1]
+        told = sum(share for _, share in best)
+        none = max(unknown, 1.0 - told, best[0][1])
+        scale = min(1.0, (1.0 - none) / told) if told > 0 else 1.0
+        return ((UNKNOWN, _down(none)), *((name, _down(share * scale)) for name, share in best))
 
 
 def _extent(points: Floats) -> Floats:

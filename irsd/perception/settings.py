@@ -9,6 +9,7 @@ from irsd.core.settings import setting
 from irsd.perception.box_masks import BoxMaskSettings
 from irsd.perception.everything import GridSettings
 from irsd.perception.fuse_views import ViewSettings, check_weights
+from irsd.perception.naming import NamingSettings
 
 _INDOOR = (
     "chair, armchair, stool, bench, sofa, dining table, coffee table, desk, wardrobe, cabinet, bookcase, shelf, chest of "
@@ -24,12 +25,17 @@ INDOOR = tuple(_INDOOR.split(", "))
 
 @dataclass(frozen=True)
 class PerceptionSettings:
-    """irsd's own eyes. Without an image_encoder there are none, and things come from detections/ids and detections/info."""
+    """irsd's own eyes: the networks that it ships, or models that you name. Where detections come from outside, irsd's eyes rest."""
+
+    nano: bool = setting(
+        True,
+        "where no image_encoder is named, irsd sees with the small networks that it ships; off: only with detections from outside",
+    )
 
     tagger: str = setting("", "model that names what a picture shows, as in 'irsctl models list'; may be left out")
     detector: str = setting("", "model that finds boxes for names; without one everything is segmented")
     segmenter: str = setting("", "model that makes masks of boxes; without one the map's depth does")
-    image_encoder: str = setting("", "model that gives masks their meaning; empty: irsd has no eyes of its own")
+    image_encoder: str = setting("", "model that gives masks their meaning; empty: the shipped networks see (nano)")
     text_encoder: str = setting("", "model that puts names into the image encoder's space; empty: the same model")
     prompts: str = setting(
         "vocabulary",
@@ -44,6 +50,10 @@ class PerceptionSettings:
         0.5, "a mask that covers a known thing like this is that thing, and not embedded each time", lo=0.1, hi=1.0
     )
     top_labels: int = setting(5, "names with scores that each thing carries", lo=1, hi=100)
+    least_mask_score: float = setting(
+        0.3, "masks of the shipped segmenter with a smaller chance are dropped", lo=0.0, hi=1.0
+    )
+    naming: NamingSettings = field(default_factory=NamingSettings)
     views: ViewSettings = field(default_factory=ViewSettings)
     grid: GridSettings = field(default_factory=GridSettings)
     boxes: BoxMaskSettings = field(default_factory=BoxMaskSettings)
