@@ -110,7 +110,7 @@ class MapPipeline:
                 with _timed(ms, "lift"):
                     seen = self._mapper.visible(view.map_T_camera, view.camera, self._settings.lift.max_range_m)
                 self._observe(view, *seen, ms)
-            elif self._lookout is not None and view.image is not None and self._company.alone(view.stamp_ns):
+            elif self._lookout is not None and view.image is not None and self._must_see(view.stamp_ns):
                 with _timed(ms, "keyframes"):
                     self._lookout.show(view, self._mapper, self._memory, self._rooms)
         self._observe_answers(ms)
@@ -217,6 +217,10 @@ class MapPipeline:
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
         return {**self._mapper.counters(), **(self._lookout.counters() if self._lookout is not None else {})}
+
+    def _must_see(self, stamp_ns: int) -> bool:
+        """The shipped eyes rest while a detector is heard; models that somebody chose see in any case."""
+        return self._allround is None or self._company.alone(stamp_ns)
 
     def _follow_rooms(self, frame: SyncedFrame) -> bool:
         """Every sweep, unless the budget is so short that even rooms must wait: then False."""
