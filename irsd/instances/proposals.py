@@ -314,10 +314,10 @@ class Proposals:
         others = [self._camera[i].points_map for i in part.claimants if i != state.id and i in self._camera]
         mine, _ = cKDTree(state.points_map).query(part.points)
         if not others:
-            return part.points[mine > 0.5 * _KEY_M]
+            return np.asarray(part.points[mine > 0.5 * _KEY_M], np.float32)
         theirs, _ = cKDTree(np.concatenate(others)).query(part.points)
         near = (mine > 0.5 * _KEY_M) & (theirs > 0.5 * _KEY_M) & (mine < theirs) & (mine <= self.settings.fill_m)
-        return part.points[near]
+        return np.asarray(part.points[near], np.float32)
 
     # ------------------------------------------------------------------------------------------------ rooms, restart
     def _follow_rooms(self, rooms: Rooms | None) -> list[_Part]:

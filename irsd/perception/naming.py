@@ -76,7 +76,7 @@ class Namer:
         if taught == self._taught:
             return
         self._taught = taught
-        shapes = self._shapes.encode([p.points_m for p in taught], 0.0) if taught else []
+        shapes = self._shapes.encode([p.points_m for p in taught], 0.0)
         self._examples = tuple(Example(p.name, shape, p.embedding) for p, shape in zip(taught, shapes, strict=True))
         self._waiting.update(dict.fromkeys(sorted(self._known)))
 
