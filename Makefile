@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: help install demo test check bench fuzz soak deb sandboxed-demo fixtures format lock clean
+.PHONY: help install demo test check bench fuzz soak deb sandboxed-demo fixtures models format lock clean
 
 help:  ## show the commands
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -59,6 +59,32 @@ fixtures: .venv-fixtures/.installed  ## make the contract tests' tiny models and
 	.venv-fixtures/bin/python -m pip install --disable-pip-version-check -q --no-deps -r $(word 2,$^)
 	@touch $@
 
+MODELS := build/models
+TRAIN  := OMP_NUM_THREADS=1 ORT_DISABLE_TELEMETRY=1 .venv-models/bin/python -m training
+
+models: .venv-models/.installed  ## train the shipped models anew: about 3 hours of 2 cores, goes on where it was interrupted
+	@ls /usr/share/sweethome3d/furniture/*.sh3f >/dev/null || { echo "no 3D models: apt-get install sweethome3d-furniture"; exit 1; }
+	mkdir -p $(MODELS)
+	$(TRAIN).scene --seed 2 --count 150 --share 0 --out $(MODELS)/scenes
+	test -f $(MODELS)/singles.npz || $(TRAIN).shape_data --count 15000 --seed 1 --out $(MODELS)/singles.npz
+	test -f $(MODELS)/shape_rows.npz || $(TRAIN).shape_set --scenes $(MODELS)/scenes --singles $(MODELS)/singles.npz --out $(MODELS)/shape_rows.npz
+	$(TRAIN).train_shape --data $(MODELS)/shape_rows.npz --out $(MODELS)/shape.pt --epochs 5 --export $(MODELS)
+	$(TRAIN).train_structure --scenes $(MODELS)/scenes --rows $(MODELS)/structure_rows.npz --out $(MODELS)/structure.pt --epochs 10 --export $(MODELS)
+	$(TRAIN).pack --float $(MODELS) --shape-rows $(MODELS)/shape_rows.npz --structure-rows $(MODELS)/structure_rows.npz --out irsd/models/nano
+	$(TRAIN).render --seed 0 --scenes 600 --out $(MODELS)/pictures
+	$(TRAIN).render --seed 800000 --scenes 25 --out $(MODELS)/held_pictures
+	$(TRAIN).train_segmenter --data $(MODELS)/pictures --out $(MODELS)/segmenter.pt --minutes 62
+	$(TRAIN).train_image --data $(MODELS)/pictures --val $(MODELS)/held_pictures --out $(MODELS)/image.pt --minutes 52
+	$(TRAIN).export_pixels --data $(MODELS)/pictures --val $(MODELS)/held_pictures --segmenter $(MODELS)/segmenter.pt --image $(MODELS)/image.pt --out irsd/models/nano
+	$(TRAIN).evaluate
+
+.venv-models/.installed: training/requirements.txt requirements.lock
+	$(PYTHON) -m venv .venv-models
+	.venv-models/bin/python -m pip install --disable-pip-version-check -q --no-deps -r requirements.lock
+	.venv-models/bin/python -m pip install --disable-pip-version-check -q -r training/requirements.txt
+	.venv-models/bin/python -m pip install --disable-pip-version-check -q --no-deps --no-build-isolation -e .
+	@touch $@
+
 format: install  ## apply the formatter
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -71,4 +97,4 @@ lock:  ## resolve pyproject.toml anew into requirements.lock
 	rm -rf $(VENV)/lock
 
 clean:  ## remove everything that was built
-	rm -rf $(VENV) .venv-fixtures build demo *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-fixtures .venv-models build demo *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

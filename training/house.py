@@ -2,7 +2,7 @@
 
 Every triangle knows what it is part of (``Structure``). What a door, a window or a wall is follows the scenes that people mark by hand: frames,
 leaves, handles and glass of a doorway are door; panes, frames and sills are window; lintels, pillars, skirting boards and free-standing
-partitions are wall; beams and coves are ceiling; thresholds are floor.
+partitions and beams are wall; coves are ceiling; carpets are floor.
 """
 
 from __future__ import annotations
@@ -122,7 +122,9 @@ class _Style:
     def __init__(self, rng: Rng) -> None:
         self.door_top = float(rng.uniform(1.95, 2.15) if rng.random() < 0.75 else rng.uniform(2.15, 2.6))
         self.frame_m = float(rng.uniform(0.03, 0.11))
-        self.proud_m = float(rng.choice([0.0, 0.01, 0.015, 0.02, 0.03]))
+        self.proud_m = float(
+            rng.choice([0.01, 0.015, 0.02, 0.03])
+        )  # a flush door in a flush frame is a wall to any LiDAR
         self.sill_m = float(rng.choice([0.05, 0.4, 0.5, 0.8, 0.9, 1.0, 1.1]) * rng.uniform(0.9, 1.1))
         self.window_top = max(self.sill_m + 0.8, float(rng.uniform(1.9, 2.4)))
         self.skirting = float(rng.uniform(0.06, 0.15)) if rng.random() < 0.4 else 0.0
@@ -280,7 +282,8 @@ def _door(
     if kind == "frame":
         return
     thick = float(rng.uniform(0.03, 0.05))
-    v = float(rng.choice([0.0, t - thick, rng.uniform(0, max(t - thick, 0.001))]))
+    deep = float(rng.uniform(0.0, max(t - thick, 0.001)))
+    v = float(rng.choice([0.0, t - thick, deep, deep, deep]))
     double = kind == "double" or u1 - u0 > 1.25
     spans = [(u0, (u0 + u1) / 2, 1), ((u0 + u1) / 2, u1, -1)] if double else [(u0, u1, int(rng.choice([-1, 1])))]
     for a, b, side in spans:
@@ -362,7 +365,7 @@ def _levels(shell: Shell, rng: Rng, rect: Rect, height: float) -> None:
         if rng.random() < 0.15:  # beams
             drop, thick = float(rng.uniform(0.1, 0.4)), float(rng.uniform(0.1, 0.3))
             for u in np.arange(0.8, wide - 0.5, float(rng.uniform(1.0, 2.5))):
-                shell.add(box(a + u, a + u + thick, b, d, room.height_m - drop, room.height_m), Structure.CEILING)
+                shell.add(box(a + u, a + u + thick, b, d, room.height_m - drop, room.height_m), Structure.WALL)
         if rng.random() < 0.2:  # a cove around
             size, drop = float(rng.uniform(0.05, 0.5)), float(rng.uniform(0.05, 0.3))
             for s in ((a, c, b, b + size), (a, c, d - size, d), (a, a + size, b, d), (c - size, c, b, d)):

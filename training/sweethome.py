@@ -1,7 +1,7 @@
-"""The 3D models of Debian's sweethome3d packages: names, tags, real sizes and triangles with colours.
+"""The 3D models of Debian's package sweethome3d-furniture: names, real sizes and triangles.
 
-Packages: sweethome3d-furniture (five catalogues, CC-BY 3.0 and CC0) and sweethome3d (its own catalogue). Models are turned so
-that +x is their front, as everywhere here, and stand on z = 0 in metres.
+Five catalogues, CC-BY 3.0 and CC0 (``irsd/models/nano/NOTICE.md``). The program's own catalogue, in the package sweethome3d, is GPL-2+ and left
+out. Models are turned so that +x is their front, as everywhere here, and stand on z = 0 in metres.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 CATALOGUES = Path("/usr/share/sweethome3d/furniture")
-PROGRAM = Path("/usr/share/sweethome3d/sweethome3d.jar")
-_MEMBER = "com/eteks/sweethome3d/io/DefaultFurnitureCatalog.properties"
 OUTDOORS = ("Exterior", "Vehicles", "Characters", "Staircases", "Doors and windows")
 
 
@@ -38,10 +36,8 @@ class Entry:
 def entries() -> list[Entry]:
     """All furniture of the catalogues that are installed, in a fixed order. FileNotFoundError tells what to install."""
     archives = [(path, "PluginFurnitureCatalog.properties") for path in sorted(CATALOGUES.glob("*.sh3f"))]
-    if PROGRAM.exists():
-        archives.append((PROGRAM, _MEMBER))
     if not archives:
-        raise FileNotFoundError("no models: apt-get install sweethome3d-furniture sweethome3d")
+        raise FileNotFoundError("no models: apt-get install sweethome3d-furniture")
     return [entry for path, member in archives for entry in _catalogue(path, member)]
 
 

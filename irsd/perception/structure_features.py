@@ -22,6 +22,7 @@ _STRETCH_TOPS_M = np.array(
 )  # sills, handles and lintels lie between these heights
 _STRETCH_BINS = len(_STRETCH_TOPS_M) + 1
 _SECTORS = 8
+_SMOOTH_M = 0.3
 
 _OWN, _POOLED = 15, 12
 FEATURES = _OWN + len(_EDGES_M) * (_POOLED + 4) + (_COLUMN_BINS + 2) + len(_STRETCHES_M) * 2 * _STRETCH_BINS
@@ -43,6 +44,18 @@ def structure_features(block: MapBlock) -> Singles:
     column = _column(block.points, height)
     stretches = [_stretch(block, height, offset, walled, edge_m) for edge_m in _STRETCHES_M]
     return np.ascontiguousarray(np.concatenate([own, *pooled, column, *stretches], axis=1), np.float32)
+
+
+def smoothed(block: MapBlock, shares: Singles) -> Singles:
+    """Probabilities float32 [N, K] of a block's voxels, averaged with those of the voxels that lie near and face alike."""
+    if not len(shares):
+        return shares
+    normals = block.normals
+    sector = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / (np.pi / 2)).astype(np.int64) % 4
+    facing = np.where((normals == 0).all(1), 0, np.where(np.abs(normals[:, 2]) > 0.7, 1, 2 + sector))
+    cell, cells = _cells(block.points, _SMOOTH_M)
+    _, means = _pooled(cell * 6 + facing, shares, cells * 6)
+    return np.asarray((shares + means[cell * 6 + facing]) / 2, np.float32)
 
 
 def _own(block: MapBlock, height: Singles, walled: NDArray[np.bool_], offset: Singles, room_m: Singles) -> Singles:

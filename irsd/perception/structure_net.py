@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from irsd.core.errors import ModelError
 from irsd.core.types import MapBlock, Structure
 from irsd.perception.models import Session
-from irsd.perception.structure_features import structure_features
+from irsd.perception.structure_features import smoothed, structure_features
 
 SHIPPED = "nano"  # the name of our own network in settings
 _CLASSES = len(Structure)
@@ -42,7 +42,9 @@ class NanoStructure:
 
     def classify(self, block: MapBlock) -> NDArray[np.uint8]:
         """``Structure`` values uint8 [N] of a block's N voxels."""
-        return _classes(self._session, "features", structure_features(block))
+        logits = _logits(self._session, "features", structure_features(block))
+        shares = np.exp(logits - logits.max(1, keepdims=True))
+        return np.asarray(smoothed(block, shares / shares.sum(1, keepdims=True)).argmax(1), np.uint8)
 
 
 class PointNetwork:
@@ -54,11 +56,12 @@ class PointNetwork:
 
     def classify(self, block: MapBlock) -> NDArray[np.uint8]:
         """``Structure`` values uint8 [N] of a block's N points. ModelError when the network gives anything else."""
-        return _classes(self._session, "points", np.ascontiguousarray(block.points, np.float32))
+        points = np.ascontiguousarray(block.points, np.float32)
+        return np.asarray(_logits(self._session, "points", points).argmax(1), np.uint8)
 
 
-def _classes(session: Session, name: str, values: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _logits(session: Session, name: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
     (logits,) = session.run({name: values}, ("logits",))
     if logits.shape != (len(values), _CLASSES):
         raise ModelError(f"{session.path.name}: logits has shape {logits.shape} for {len(values)} points")
-    return np.asarray(logits.argmax(1), np.uint8)
+    return np.asarray(logits, np.float32)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from irsd.core.types import MapBlock
-from irsd.perception.structure_features import FEATURES, structure_features
+from irsd.perception.structure_features import FEATURES, smoothed, structure_features
 
 FLOOR_M, CEILING_M, RECESS_M = 0.4, 3.0, 0.13
 
@@ -59,3 +59,17 @@ def test_unknown_ceiling_and_no_wall_line_are_values_not_accidents() -> None:
     unknown = block.levels.copy()
     unknown[:, 1], unknown[:, 2:] = np.inf, np.nan
     assert np.isfinite(structure_features(replace(block, levels=unknown))).all()
+
+
+def test_smoothing_joins_what_faces_alike_and_keeps_what_does_not() -> None:
+    block = wall_with_a_niche()
+    facing = block.normals.copy()
+    facing[1::2] = (0, 0, 1)
+    shares = np.zeros((len(facing), 6), np.float32)
+    shares[0::2, 1], shares[1::2, 2] = 1, 1
+    found = smoothed(replace(block, normals=facing), shares)
+    np.testing.assert_allclose(found, shares, atol=1e-6)
+    stray = shares.copy()
+    stray[0] = np.float32([0.45, 0.55, 0, 0, 0, 0])[::-1]
+    assert smoothed(replace(block, normals=facing), stray)[0].argmax() == 1
+    np.testing.assert_allclose(found.sum(1), 1, atol=1e-5)
