@@ -26,7 +26,6 @@ MIN_POINTS = 4  # fewer say nothing of a shape
 UNKNOWN = "object"  # the name for what the network does not know
 _THIN_M = 0.02  # thinner than a voxel means nothing
 _INPUTS, _OUTPUT = ("points", "measures"), "embedding"
-_BATCH = 64  # clouds per run: memory stays small, however many are asked for
 
 
 def features(points: NDArray[np.floating], floor_z_m: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -107,10 +106,9 @@ class ShapeEncoder:
         A cloud of fewer than MIN_POINTS points gets a row of zeros: it is like nothing.
         """
         out = np.zeros((len(clouds), self.dimension), np.float32)
-        told = [k for k, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        for start in range(0, len(told), _BATCH):
-            rows = told[start : start + _BATCH]
-            points, measures = zip(*(features(clouds[k], floor_z_m) for k in rows), strict=True)
-            feeds = dict(zip(_INPUTS, (np.stack(points), np.stack(measures)), strict=True))
-            (out[rows],) = self._session.run(feeds, (_OUTPUT,))
+        for k, cloud in enumerate(clouds):
+            if len(cloud) >= MIN_POINTS:
+                # One cloud a run: int8 arithmetic takes its scale from all that is run together.
+                feeds = {name: part[None] for name, part in zip(_INPUTS, features(cloud, floor_z_m), strict=True)}
+                ((out[k],),) = self._session.run(feeds, (_OUTPUT,))
         return out
