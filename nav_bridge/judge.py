@@ -105,10 +105,11 @@ def named(spec: GoalSpec, index: Index, knowledge: Knowledge, *, least: float, m
 
 def _seen_enough(index: Index) -> Floats:
     """[N] 0..1: what is seen far less often than most things here is more often a slip of the eye than a thing."""
-    there = index.observations[index.exists > 0]
+    there = index.observations[(index.exists > 0) & (index.observations > 0)]
     few = max(1.0, _FEW_OF_TYPICAL * float(np.median(there))) if len(there) else 1.0
     seen = index.observations.astype(np.float64)
-    return np.asarray(seen**2 / (seen**2 + few**2))
+    # What only the LiDAR saw was never in a picture: its existence alone says how sure it is.
+    return np.where(index.observations == 0, 1.0, seen**2 / (seen**2 + few**2))
 
 
 def _by_size(cases: Cases, spec: GoalSpec) -> None:

@@ -1,7 +1,8 @@
 """Names of things by shape and by picture together, over one vocabulary, with an honest way out: what is like nothing is an "object".
 
-The chance of a name is softmax(shape_scale * cosine by shape + image_scale * cosine by picture); the scales come with the networks and
-say how far each can be trusted. Shapes are encoded anew only when a cloud has changed by much, a few at a time.
+The chance of a name is softmax(scale * (w * cosine by shape + (1 - w) * cosine by picture)), or of the one that there is. The scale
+comes with the shape network, the weight w from measuring both on things that neither was trained on. Shapes are encoded anew only
+when a cloud has changed by much, a few at a time.
 """
 
 from __future__ import annotations
@@ -25,11 +26,7 @@ UNKNOWN = "object"
 class NamingSettings:
     """How irsd's own eyes name things."""
 
-    shape_scale: float = setting(20.0, "weight of the shape: what a cosine by shape counts", lo=0.0, hi=1000.0)
-    image_scale: float = setting(20.0, "weight of the picture: what a cosine by picture counts", lo=0.0, hi=1000.0)
-    min_probability: float = setting(
-        0.25, "a best name with a smaller chance is not given: the thing is an object", lo=0.0
-    )
+    shape_share: float = setting(0.7, "weight of the shape in a name, against the pictures", lo=0.0, hi=1.0)
     shapes_per_step: int = setting(6, "clouds encoded per step of the graph; the others wait", lo=1, hi=1000)
     changed_share: float = setting(
         0.2, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0
@@ -61,9 +58,20 @@ class _Known:
 class Namer:
     """Owner of the shapes' vectors. One thread."""
 
-    def __init__(self, settings: NamingSettings, shapes: Shapes, embed: Embed, vocabulary: Sequence[str]) -> None:
-        """embed: names to unit vectors float32 [n, D]; vocabulary: the names that things may get."""
-        self._settings, self._shapes, self._embed = settings, shapes, embed
+    def __init__(
+        self,
+        settings: NamingSettings,
+        shapes: Shapes,
+        embed: Embed,
+        vocabulary: Sequence[str],
+        *,
+        scale: float,
+        min_probability: float,
+    ) -> None:
+        """embed: names to unit vectors float32 [n, D]; vocabulary: the names that things may get. scale: of cosines to logits;
+        min_probability: a best name with a smaller chance is not given, the thing is an ``UNKNOWN``."""
+        self._settings, self._shapes = settings, shapes
+        self._scale, self._min_probability = scale, min_probability
         self._names = tuple(dict.fromkeys([*vocabulary, UNKNOWN]))
         self._vectors = np.asarray(embed(self._names), np.float32)
         self._known: dict[int, _Known] = {}
@@ -126,28 +134,25 @@ class Namer:
 
     def rank(self, shape: Floats | None, image: Floats | None) -> tuple[tuple[str, float], ...]:
         """(name, chance) best first of a thing with unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""
-        s = self._settings
         if shape is None and image is None:
             return ((UNKNOWN, 1.0),)
-        logits = np.zeros(len(self._names))
-        logits += 0.0 if shape is None else s.shape_scale * (self._vectors @ shape)
-        logits += 0.0 if image is None else s.image_scale * (self._vectors @ image)
-        at = {name: float(logit) for name, logit in zip(self._names, logits, strict=True)}
+        share = 0.0 if shape is None else 1.0 if image is None else self._settings.shape_share
+        by = np.zeros((2, len(self._names)))
+        by[0] = 0.0 if shape is None else self._vectors @ shape
+        by[1] = 0.0 if image is None else self._vectors @ image
+        at = dict(zip(self._names, (self._scale * (share * by[0] + (1 - share) * by[1])).tolist(), strict=True))
         for name, (by_shape, by_image) in liken(self._examples, shape, image).items():
-            logit = (0.0 if shape is None else s.shape_scale * by_shape) + (
-                0.0 if image is None else s.image_scale * by_image
-            )
-            at[name] = max(at.get(name, -np.inf), logit)
+            at[name] = max(at.get(name, -np.inf), self._scale * (share * by_shape + (1 - share) * by_image))
         names, values = list(at), np.array(list(at.values()))
         chance = np.exp(values - values.max())
         chance /= chance.sum()
         order = sorted(range(len(names)), key=lambda k: (-chance[k], names[k]))
         best = [(names[k], _down(float(chance[k]))) for k in order if names[k] != UNKNOWN]
         unknown = _down(float(chance[names.index(UNKNOWN)]))
-        if best[0][1] >= s.min_probability and best[0][1] > unknown:
-            return tuple(best[: s.top_labels])
+        if best[0][1] >= self._min_probability and best[0][1] > unknown:
+            return tuple(best[: self._settings.top_labels])
         # Nothing is likely enough: what the names that are told leave over is the chance of none of them, and it is told first.
-        best = best[: s.top_labels - 1]
+        best = best[: self._settings.top_labels - 1]
         told = sum(share for _, share in best)
         none = max(unknown, 1.0 - told, best[0][1])
         scale = min(1.0, (1.0 - none) / told) if told > 0 else 1.0

@@ -13,7 +13,7 @@ from irsd.perception.naming import Namer
 from irsd.perception.nano_chain import NanoChain
 from irsd.perception.nano_image import NanoImageEncoder
 from irsd.perception.nano_segmenter import NanoSegmenter
-from irsd.perception.settings import INDOOR, PerceptionSettings
+from irsd.perception.settings import HOUSEHOLD, PerceptionSettings
 from irsd.perception.shape import ShapeEncoder
 
 # CPU seconds (fixed, each) on one thread of two cores without VNNI (benchmarks/nano_eyes.py): what a replay counts with and a robot
@@ -36,7 +36,15 @@ def open_nano_chain(settings: PerceptionSettings, where: ModelSettings, cancel: 
 def open_namer(settings: PerceptionSettings, labels: LabelEncoder) -> Namer:
     """Names by shape and picture; runs on the map's thread. ModelError as above."""
     shapes = ShapeEncoder(nano_path("shape_encoder.onnx"))
-    return Namer(settings.naming, shapes, labels.encode, settings.vocabulary or INDOOR)
+    reading = shapes.calibration
+    return Namer(
+        settings.naming,
+        shapes,
+        labels.encode,
+        settings.vocabulary or HOUSEHOLD,
+        scale=reading.scale,
+        min_probability=reading.min_probability,
+    )
 
 
 def nano_status() -> list[dict[str, object]]:

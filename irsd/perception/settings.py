@@ -22,6 +22,14 @@ _INDOOR = (
 INDOOR = tuple(_INDOOR.split(", "))
 """What is looked for where a site names nothing: common things, in the words of the alias table."""
 
+_MORE = (
+    "office chair, ottoman, side table, kitchen cabinet, kitchen utensils, tableware, cooking pot, seasoning jars, range hood, "
+    "shoe rack, chandelier, ceiling lamp, pendant lamp, floor lamp, table lamp, wall lamp, photo frame, notice board, "
+    "light switch, security camera, washbasin, workbench, exercise ball, weight bench, tablet, bag, copier, robot vacuum"
+)
+HOUSEHOLD = (*INDOOR, *_MORE.split(", "))
+"""What the shipped networks may call things where a site names nothing: the above, and what else they were trained on."""
+
 
 @dataclass(frozen=True)
 class PerceptionSettings:

@@ -52,13 +52,18 @@ def floor(room: int) -> float:
     return 0.0
 
 
+def namer_of(shapes: ByHeight, settings: NamingSettings, scale: float = 20.0, least: float = 0.3) -> Namer:
+    return Namer(settings, shapes, embed, NAMES, scale=scale, min_probability=least)
+
+
 def test_shape_and_picture_are_weighed_and_chances_add_up() -> None:
-    namer = Namer(NamingSettings(shape_scale=10.0, image_scale=20.0), ByHeight(), embed, NAMES)
+    namer = namer_of(ByHeight(), NamingSettings(shape_share=0.25))
     assert namer.rank(unit(1.0), None)[0][0] == "chair"
     assert namer.rank(None, unit(0.0, 1.0))[0][0] == "table"
     both = namer.rank(unit(1.0), unit(0.0, 1.0))  # they disagree: the weightier one wins
     assert both[0][0] == "table"
-    cosines = 10.0 * (embed((*NAMES, UNKNOWN)) @ unit(1.0)) + 20.0 * (embed((*NAMES, UNKNOWN)) @ unit(0.0, 1.0))
+    vectors = embed((*NAMES, UNKNOWN))
+    cosines = 20.0 * (0.25 * vectors @ unit(1.0) + 0.75 * vectors @ unit(0.0, 1.0))
     chance = np.exp(cosines) / np.exp(cosines).sum()
     assert abs(both[0][1] - chance[1]) < 1e-5
     for ranked in (both, namer.rank(unit(1.0), None)):
@@ -66,7 +71,7 @@ def test_shape_and_picture_are_weighed_and_chances_add_up() -> None:
 
 
 def test_what_is_like_nothing_is_an_object_first_and_its_best_guesses_come_after() -> None:
-    namer = Namer(NamingSettings(shape_scale=1.0, min_probability=0.5), ByHeight(), embed, NAMES)
+    namer = namer_of(ByHeight(), NamingSettings(), scale=1.0, least=0.5)
     ranked = namer.rank(unit(1.0, 0.9), None)
     assert ranked[0][0] == UNKNOWN
     assert [name for name, _ in ranked[1:3]] == ["chair", "table"]
@@ -78,7 +83,7 @@ def test_what_is_like_nothing_is_an_object_first_and_its_best_guesses_come_after
 
 def test_shapes_are_encoded_a_few_at_a_time_and_again_only_when_the_cloud_changed_much() -> None:
     shapes = ByHeight()
-    namer = Namer(NamingSettings(shapes_per_step=2), shapes, embed, NAMES)
+    namer = namer_of(shapes, NamingSettings(shapes_per_step=2))
     told = namer.name([thing(k, 1.5) for k in range(1, 6)], (), floor)
     assert [state.labels[0][0] for state in told] == ["table", "table", UNKNOWN, UNKNOWN, UNKNOWN]
     assert [state.id for state in namer.name((), (), floor)] == [3, 4]  # their turn: told again by themselves
@@ -93,7 +98,7 @@ def test_shapes_are_encoded_a_few_at_a_time_and_again_only_when_the_cloud_change
 
 
 def test_a_taught_thing_names_the_next_one_and_no_other() -> None:
-    namer = Namer(NamingSettings(), ByHeight(), embed, NAMES)
+    namer = namer_of(ByHeight(), NamingSettings())
     (before,) = namer.name([thing(1, 5.5)], (), floor)
     assert before.labels[0][0] == UNKNOWN  # like none of the names
     example = thing(9, 5.2)
