@@ -135,13 +135,32 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True)
 class SyncedFrame:
-    """What the pipeline eats: one deskewed scan and the camera views since the scan before it, oldest first."""
+    """What the pipeline eats: one deskewed scan and the camera views since the scan before it, oldest first.
+
+    As it leaves the synchroniser its ``map`` is the odometry's frame, named odom_frame; the localiser lays it in the map.
+    """
 
     seq: int
     stamp_ns: int
     map_T_base: Pose
     scan: DeskewedScan
     views: tuple[CameraView, ...]
+    odom_frame: str = "odom"
+
+
+@dataclass(frozen=True, slots=True)
+class Localisation:
+    """Where a sweep has put the robot, and with it the odometry's frame (named odom_frame), in the map.
+
+    map_T_odom is upright: a shift and a turn about z. state: map (the sweep was laid on the map), odometry (it could not be), or
+    off (the odometry is taken as it is).
+    """
+
+    stamp_ns: int
+    odom_frame: str
+    map_T_odom: Pose
+    map_T_base: Pose
+    state: str
 
 
 # --------------------------------------------------------------------------------------- mapping

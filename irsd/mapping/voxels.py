@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from irsd.core.settings import setting
 from irsd.mapping import kernels
+from irsd.mapping.registration import Planes
 
 _EVICT_BLOCKS = 256  # blocks counted at a time: work follows what is forgotten, not the map
 _EVICT_SHARE = 0.05  # of the bound, freed at once: an eviction pass looks at every block, so it must be rare
@@ -103,6 +104,11 @@ class VoxelMap:
     def slot_count(self) -> int:
         """Valid slots are below this; those whose block is 0 are free."""
         return self._slots.end
+
+    @property
+    def planes(self) -> Planes:
+        """The surface of coarse cells, to lay scans on; a view, not a copy."""
+        return Planes(self._table, self.blocks, self.normal, self.surface, 2 * self.settings.voxel_m)
 
     def live_rows(self) -> NDArray[np.int64]:
         """Row numbers in use, ascending. Costs a pass over the map."""

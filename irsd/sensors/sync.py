@@ -108,7 +108,7 @@ class Synchronizer:
         self._cameras: dict[str, CameraModel] = {}
         self._sweeps: list[_Sweep] = []
         self._views: list[_View] = []
-        self._base = ""
+        self._base, self._odom_frame = "", "odom"
         self._now_ns = 0
         self._last: tuple[int, str] | None = None  # end and frame of the newest sweep that left
         self._lidar_seen = False
@@ -145,7 +145,7 @@ class Synchronizer:
             self._sweeps.clear()
             self._views.clear()
             self._last = None
-        self._base = sample.child_frame_id
+        self._base, self._odom_frame = sample.child_frame_id, sample.frame_id or "odom"
         self._advance_clock(sample.stamp_ns)
 
     def _push_scan(self, scan: LidarScan) -> None:
@@ -306,7 +306,7 @@ class Synchronizer:
         self._seq += 1
         self._counters["frames"] += 1
         self._counters["views"] += len(views)
-        return SyncedFrame(self._seq, stamp_ns, map_T_base, scan, views)
+        return SyncedFrame(self._seq, stamp_ns, map_T_base, scan, views, self._odom_frame)
 
     def _take_views(self, end_ns: int, *, give_up: bool = False) -> tuple[CameraView, ...]:
         """Removes and returns the views up to ``end_ns`` that can be placed; gives up those that waited long enough."""
