@@ -32,10 +32,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from irsd.config import IrsdConfig
+from irsd.core.geometry import Pose, pose_from_xy_yaw
 from irsd.core.runtime import Guarded, Mailbox, Ring, Worker, sleep_s, use_clock
 from irsd.graph.model import GraphSnapshot
 from irsd.ingest import SensorDecoder
 from irsd.io.keys import RobotKeys
+from irsd.io.localisation import LocalisationPublisher
 from irsd.io.publishers import GraphPublisher
 from irsd.io.session import Reply, Sample, Session, ZenohSettings, open_session
 from irsd.perception.encoder import LabelEncoder
@@ -185,6 +187,9 @@ class Loop:
         self._irsd = Guarded(pipeline)
         self._publisher = GraphPublisher(self._hub, self.keys, pipeline.snapshot(), self._arrays, self._grid)
         stack.callback(self._publisher.close)
+        self._places = LocalisationPublisher(self._hub, self.keys, pipeline.snapshot().frame)
+        stack.callback(self._places.close)
+        self.map_T_odom: Pose = np.eye(4)
         self._publisher.announce()
         settings = replace(BridgeSettings(), robot=config.robot)
         settings = replace(
@@ -212,7 +217,8 @@ class Loop:
         began_s = time.perf_counter()
         way = self._robot.new_waypoints()
         if way is not None:
-            self.world.follow(way)
+            self.world.follow(*way)
+        self.world.map_T_odom = self._robot.map_T_odom
         before = self.world.robot.pose[:2]
         for message in self.world.step(TICK_S):
             if message.topic == ODOM_TOPIC:
@@ -225,6 +231,9 @@ class Loop:
         for frame in self._sync.pop():
             with self._irsd.locked() as pipeline:
                 result = pipeline.step(frame)
+            if result.where is not None:
+                self._places.publish(result.where)
+                self.map_T_odom = result.where.map_T_odom
             self.graph = result.snapshot
             if result.delta is not None:
                 self._publisher.publish(result.delta, result.snapshot)
@@ -305,11 +314,13 @@ def run_building(seed: int, goals: int, encoder: LabelEncoder) -> tuple[list[Out
             outcomes.append(judge(loop, truth, goal, seed))
             show(outcomes[-1])
         robot = loop.world.robot
+        believed = loop.map_T_odom @ pose_from_xy_yaw(*robot.odometry)
+        off_m = float(np.hypot(*(robot.pose[:2] - believed[:2, 3])))
         drift_m = float(np.hypot(*(robot.pose[:2] - robot.odometry[:2])))
         simulated_s = (loop.world.now_ns - loop.world.start_ns) * 1e-9
         summary = {
             "seed": seed, "explored_s": round(explored_s, 1), "things": len(loop.graph.instances), "collisions": robot.collisions,
-            "least_clearance_m": round(loop.least_m - ROBOT_RADIUS_M, 3), "drift_m": round(drift_m, 3),
+            "least_clearance_m": round(loop.least_m - ROBOT_RADIUS_M, 3), "drift_m": round(drift_m, 3), "off_m": round(off_m, 3),
             "driven_m": round(loop.driven_m, 1), "simulated_s": round(simulated_s, 1),
             "speed_x": round(simulated_s / (time.perf_counter() - wall_s), 2),
         }  # fmt: skip

@@ -3,7 +3,7 @@
     python benchmarks/rooms.py [--data ../shared/data] [--sets maps drives] [--methods ours irs] [--json OUT]
     python benchmarks/rooms.py --drive FILE.npz --out rooms.json [--upto K] [--method ours]
 
-A drive goes through the product's own path, one synchronised frame per scan: ``Mapper`` and then ``RoomStage``, nothing
+A drive goes through the product's own path, one synchronised frame per scan: ``Localiser``, ``Mapper`` and then ``RoomStage``, nothing
 is known of what comes later. Its rooms after 25 / 50 / 75 / 100 % of the scans are what stood in the stage at that scan.
 
 Id changes are counted against the truth: the id that holds most of a true room's floor (of the rooms entered so far,
@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.types import DeskewedScan, Rooms, SyncedFrame
+from irsd.mapping.localise import Localiser, LocaliseSettings
 from irsd.mapping.mapper import Mapper, MappingSettings
 from irsd.rooms.algorithm1 import box_map
 from irsd.rooms.segment import FREE_FROM, segment_map
@@ -109,9 +110,11 @@ def run_drive(drive: Path, settings: RoomSettings, scorer: ModuleType, upto: int
         total = len(data["ranges"])
     marks = {max(round(total * part), 1): part for part in PARTS}
     mapper, stage, identity = Mapper(MappingSettings()), RoomStage(settings), Identity(scorer, drive)
+    localiser = Localiser(LocaliseSettings())
     parts, mapping_ms, rooms_ms, rooms, lineage = {}, [], [], None, []
-    for frame in frames_of(drive, upto):
+    for sensed in frames_of(drive, upto):
         start = time.process_time()
+        frame, _ = localiser.place(sensed, mapper.voxels)
         update = mapper.integrate(frame)
         middle = time.process_time()
         if rooms is None or update.changed_xy_m is not None:

@@ -27,6 +27,7 @@ from irsd.instances.memory import FusionSettings
 from irsd.instances.proposals import ProposalSettings
 from irsd.io.endpoints import ZenohSettings
 from irsd.io.keys import check_robot_name
+from irsd.mapping.localise import LocaliseSettings
 from irsd.mapping.mapper import MappingSettings
 from irsd.perception.assemble import ModelSettings, check_models
 from irsd.perception.budget import BudgetSettings
@@ -52,6 +53,7 @@ class PipelineSettings:
     """What turns sensors into the graph; a stage sees only its own section."""
 
     pace: PaceSettings = field(default_factory=PaceSettings)
+    localise: LocaliseSettings = field(default_factory=LocaliseSettings)
     mapping: MappingSettings = field(default_factory=MappingSettings)
     rooms: RoomSettings = field(default_factory=RoomSettings)
     lift: LiftSettings = field(default_factory=LiftSettings)

@@ -26,6 +26,7 @@ from irsd.core.faults import Finding
 from irsd.core.logs import set_up_logging
 from irsd.core.runtime import Cell, Counters, Event, Ring, Stopper, Worker, monotonic_ns, monotonic_s, wall_clock_ns
 from irsd.core.systemd import notify, watchdog_period_s
+from irsd.core.types import Localisation
 from irsd.faults import FaultLedger, blocked, own_state, short_disk, silent_sensors
 from irsd.graph.store import Store
 from irsd.health import (
@@ -39,6 +40,7 @@ from irsd.health import (
 )
 from irsd.ingest import Ingest
 from irsd.io.keys import RobotKeys, check_robot_name
+from irsd.io.localisation import LocalisationPublisher, TfPublisher
 from irsd.io.publishers import GraphPublisher
 from irsd.io.session import Session, open_session, with_environment
 from irsd.maploop import MapLoop, MapState, Publication
@@ -99,6 +101,7 @@ class Daemon:
             times=self._times,
             max_failures=config.health.max_failures,
             on_lag=None if eyes is None else eyes.note_lag,
+            on_place=self._tell_place,
         )
         self._publisher = GraphPublisher(
             session,
@@ -106,6 +109,9 @@ class Daemon:
             pipeline.snapshot(),
             lambda instance_id: self._loop.call(lambda p: p.find_arrays(instance_id)),
             lambda: self._loop.call(lambda p: p.navigation_grid()),
+        )
+        self._places = LocalisationPublisher(
+            session, RobotKeys(config.robot), pipeline.snapshot().frame, tf=_tf_publisher(config, session)
         )
         self._edits = EditCommands(session, RobotKeys(config.robot), self._loop)
         self._workers = [
@@ -154,6 +160,7 @@ class Daemon:
         done = publish_thread.join(_JOIN_S) and done
         if not done:
             _log.error("a thread did not end within %g s", _JOIN_S)
+        self._places.close()
         self._publisher.close()
         return done
 
@@ -207,6 +214,13 @@ class Daemon:
             if self._store_error.get() != str(error):
                 _log.error("revision %d is not on disk: %s", self._unstored[0].delta.seq, error)
             self._store_error.set(str(error))
+
+    def _tell_place(self, where: Localisation) -> None:
+        """On the map thread: a pose that waits behind the disk is worth nothing."""
+        try:
+            self._places.publish(where)
+        except TransportError:
+            self._counts.add("publish_errors")
 
     def _thread_died(self, error: BaseException) -> None:
         self.stopper.request(f"a thread died: {error}")
@@ -309,6 +323,12 @@ def run(config: IrsdConfig, endpoint: str | None) -> int:
     finally:
         if store is not None:
             store.close()
+
+
+def _tf_publisher(config: IrsdConfig, session: Session) -> TfPublisher | None:
+    if not config.pipeline.localise.publish_tf:
+        return None
+    return TfPublisher(session, namespace=config.ingest.namespace, domain=config.ingest.domain)
 
 
 def _open_store(config: IrsdConfig) -> Store | None:

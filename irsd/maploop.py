@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 
 from irsd.core.errors import StoreError, TransportError
 from irsd.core.runtime import Cell, Event, Mailbox, Ring, Stopper, monotonic_ns
-from irsd.core.types import SyncedFrame
+from irsd.core.types import Localisation, SyncedFrame
 from irsd.graph.edits import Record
 from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.health import Heartbeats, StageTimes
@@ -94,11 +94,12 @@ class MapLoop:
         times: StageTimes,
         max_failures: int,
         on_lag: Callable[[float], None] | None = None,
+        on_place: Callable[[Localisation], None] | None = None,
     ) -> None:
-        """on_lag: told of every step's lag in seconds."""
+        """on_lag: told of every step's lag in seconds. on_place: told where every sweep has put the robot, before all else."""
         self._ingest, self._sync, self._pipeline, self._outbox = ingest, sync, pipeline, outbox
         self._wake, self._stopper, self._beats, self._times = wake, stopper, beats, times
-        self._max_failures, self._on_lag = max_failures, on_lag
+        self._max_failures, self._on_lag, self._on_place = max_failures, on_lag, on_place
         self._calls: Ring[Callable[[], None]] = Ring(_CALLS, wake)
         self._ended = Event()
         self._stepped_ns = 0
@@ -223,6 +224,8 @@ class MapLoop:
             last_failure = f"frame {frame.seq}: {type(error).__name__}: {error}"
             _log.error("step of frame %d failed (%d in a row)", frame.seq, failures, exc_info=True)
         else:
+            if self._on_place is not None and result.where is not None:
+                self._on_place(result.where)
             arrived_ns = self._ingest.arrived_ns(frame.stamp_ns)
             if arrived_ns is not None:
                 lag_s = (monotonic_ns() - arrived_ns) / 1e9

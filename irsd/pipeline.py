@@ -1,6 +1,6 @@
 """The loop: one synchronised frame in, one graph delta out. The live thread and the replay both call ``MapPipeline.step``.
 
-    SyncedFrame -> mapping -> rooms -> (eyes) -> instances -> graph
+    SyncedFrame -> localise -> mapping -> rooms -> (eyes) -> instances -> graph
 
 Nothing here knows of zenoh, files, threads or the wall clock: what is due is decided by sensor time alone, so the same
 input gives the same graph.
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from irsd.allround import AllRound
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
-from irsd.core.types import CameraView, MapUpdate, Prototype, Rooms, SyncedFrame
+from irsd.core.types import CameraView, Localisation, MapUpdate, Prototype, Rooms, SyncedFrame
 from irsd.graph.builder import GraphBuilder
 from irsd.graph.edits import Record, Request
 from irsd.graph.footprints import footprint_of
@@ -29,6 +29,7 @@ from irsd.graph.store import StoredMap
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
 from irsd.lookout import Company, Lookout
+from irsd.mapping.localise import Localiser
 from irsd.mapping.mapper import Mapper
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.naming import Namer
@@ -44,7 +45,7 @@ NS_PER_S = 1_000_000_000
 class StepResult:
     """What one step did. delta: None when nothing in the graph changed. stage_ms: wall milliseconds per stage that ran.
 
-    rooms_followed: the rooms took this sweep in.
+    rooms_followed: the rooms took this sweep in. where: the robot in the map; None where there was no frame.
     """
 
     update: MapUpdate
@@ -52,6 +53,7 @@ class StepResult:
     snapshot: GraphSnapshot
     stage_ms: dict[str, float]
     rooms_followed: bool = True
+    where: Localisation | None = None
 
 
 class MapPipeline:
@@ -73,6 +75,7 @@ class MapPipeline:
         self._settings = settings
         network = structure_model(settings.mapping.network.model)
         self._mapper = Mapper(settings.mapping, network, parts=namer is not None)
+        self._localiser = Localiser(settings.localise)
         self._room_stage = RoomStage(settings.rooms)
         self._memory = InstanceMemory(settings.fusion, labels.encode, self._mapper)
         self._builder = GraphBuilder(settings.graph, labels, frame=frame, map_id=map_id)
@@ -91,7 +94,9 @@ class MapPipeline:
         ms: dict[str, float] = {}
         self._stamp_ns = frame.stamp_ns
 
-        # 1. The scan into the voxel map and the plan.
+        # 1. The scan laid on the map, which takes the drift out of the odometry; then into the voxel map and the plan.
+        with _timed(ms, "localise"):
+            frame, where = self._localiser.place(frame, self._mapper.voxels)
         with _timed(ms, "mapping"):
             update = self._mapper.integrate(frame)
 
@@ -125,7 +130,7 @@ class MapPipeline:
         if frame.stamp_ns >= self._graph_due_ns:
             delta = self._commit(frame.stamp_ns, ms)
             self._graph_due_ns = frame.stamp_ns + round(self._settings.pace.graph_period_s * NS_PER_S)
-        return StepResult(update, delta, self._graph.snapshot(), ms, followed)
+        return StepResult(update, delta, self._graph.snapshot(), ms, followed, where)
 
     def finish(self, stamp_ns: int) -> StepResult:
         """Run every stage once more on all that was gathered: the end of a recording, or a clean stop."""
@@ -216,7 +221,8 @@ class MapPipeline:
 
     def counters(self) -> dict[str, int]:
         """Everything that was dropped, refused or evicted inside the stages, by name."""
-        return {**self._mapper.counters(), **(self._lookout.counters() if self._lookout is not None else {})}
+        seen = self._lookout.counters() if self._lookout is not None else {}
+        return {**self._localiser.counters(), **self._mapper.counters(), **seen}
 
     def _must_see(self, stamp_ns: int) -> bool:
         """The shipped eyes rest while a detector is heard; models that somebody chose see in any case."""

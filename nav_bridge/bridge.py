@@ -24,6 +24,7 @@ from irsd.graph.model import GraphSnapshot
 from irsd.io.cdr import decode_odometry
 from irsd.io.endpoints import with_environment
 from irsd.io.keys import RobotKeys, subscriptions
+from irsd.io.localisation import MapFrame
 from irsd.io.session import Query, Sample, Session, open_session
 from irsd.perception.encoder import LabelEncoder
 from nav_bridge.answer import Answer, answer_document, answer_text
@@ -64,6 +65,7 @@ class Bridge:
         self._sinks = open_sinks(session, self._keys, settings)
         self._source = Source(session, self._keys, settings.reply_timeout_s, settings.route)
         self._scout = Scout(self._source, settings.drive.review_s)
+        self._map_frame = MapFrame(session, self._keys, settings.reply_timeout_s)
         self._mirror = GraphMirror(session, self._keys, settings.reply_timeout_s)
         self._wake = Event()
         self._odometry: Ring[Sample] = Ring(200, self._wake)
@@ -133,6 +135,7 @@ class Bridge:
             handle.close()
         self._board.close()
         self._mirror.close()
+        self._map_frame.close()
         self._scout.close()
         for sink in self._sinks:
             sink.close()
@@ -149,7 +152,8 @@ class Bridge:
             return
         turn = quat_xyzw_to_matrix(odometry.quat_xyzw)
         x, y, _ = (float(v) for v in odometry.position_m)
-        self._pose, self._pose_ns = (x, y, math.atan2(turn[1, 0], turn[0, 0])), sample.received_ns
+        odom_xy_yaw = (x, y, math.atan2(turn[1, 0], turn[0, 0]))
+        self._pose, self._pose_ns = self._map_frame.to_map(odom_xy_yaw), sample.received_ns
         if self._drive is not None:
             self._judge(self._drive.monitor.update(sample.received_ns, self._pose), sample.received_ns)
 

@@ -84,8 +84,8 @@ class StandIn:
         for sample in self.waypoints.drain():
             way = self.orders.hear(sample.payload, sample.received_ns * 1e-9)
             if way is not None:
-                self.way = way
-                self.stops += not way
+                self.way = way.points
+                self.stops += not way.points
         if self.orders.overdue(monotonic_s()):
             self.way, self.held = [], self.held + 1
         left = 0.0 if self.stalled else STEP_M

@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from rosbags.typesys.store import Typestore
 
 from irsd.core.errors import DecodeError
+from irsd.core.geometry import matrix_to_quat_xyzw
 from irsd.core.types import OdomSample
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -143,6 +144,22 @@ def make_pose_message(position_m: Sequence[float] | np.ndarray, quat_xyzw: Seque
         "geometry_msgs/msg/Pose",
         position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
         orientation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+
+
+def make_transform(stamp_ns: int, parent: str, child: str, parent_T_child: np.ndarray) -> Any:
+    """geometry_msgs/msg/TransformStamped of a pose [4, 4]."""
+    x, y, z = map(float, parent_T_child[:3, 3])
+    qx, qy, qz, qw = map(float, matrix_to_quat_xyzw(parent_T_child[:3, :3]))
+    return make(
+        "geometry_msgs/msg/TransformStamped",
+        header=make_header(stamp_ns, parent),
+        child_frame_id=child,
+        transform=make(
+            "geometry_msgs/msg/Transform",
+            translation=make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+            rotation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+        ),
     )
 
 

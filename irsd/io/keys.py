@@ -93,6 +93,11 @@ class RobotKeys:
     def occupancy(self) -> str:
         return self.key("map/occupancy")
 
+    @property
+    def map_odom(self) -> str:
+        """Where the odometry's frame lies in the map."""
+        return self.key("map/odom")
+
     def command(self, name: str) -> str:
         return self.key(f"cmd/{name}")
 

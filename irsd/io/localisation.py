@@ -1,11 +1,13 @@
 """``irs/<robot>/map/odom``: where the odometry's frame lies in irsd's map, told at every sweep and answered to late questions.
 
-Whoever has a pose in the odometry's frame and a goal in the map needs it, as a ROS node needs TF's map -> odom: ``MapFrame`` follows it.
+Whoever has a pose in the odometry's frame and a goal in the map needs it, as a ROS node needs TF's map -> odom; ``MapFrame``
+follows it.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from irsd.core.errors import DecodeError, TransportError
@@ -18,6 +20,7 @@ from irsd.io.session import CDR, Handle, Query, Sample, Session
 
 SCHEMA = "irs/localisation/1"
 STATES = ("map", "odometry", "off")
+_POSES = ("map_T_odom", "map_T_base")
 _TF_TOPIC = "/tf"
 
 
@@ -48,19 +51,49 @@ def localisation_from_json(payload: bytes) -> Localisation:
         raise DecodeError(f"no {SCHEMA} document: {error!r}") from error
 
 
-_POSES = ("map_T_odom", "map_T_base")
-
-
 def _xyz_yaw(pose: Pose) -> dict[str, float]:
     x, y, z = (round(float(v), 5) for v in pose[:3, 3])
     return {"x": x, "y": y, "z": z, "yaw": round(yaw_of(pose), 6)}
 
 
+class TfPublisher:
+    """The same as map -> odom on /tf, for ROS behind either bridge. ``publish``: from one thread."""
+
+    def __init__(self, session: Session, *, namespace: str = "", domain: int | None = None) -> None:
+        self._session = session
+        known, number = cdr.type_hash(cdr.TF_MESSAGE), domain or 0
+        token = ros_endpoint_token(
+            session.zid, "irsd", 0, _TF_TOPIC, cdr.TF_MESSAGE, known, publishes=True, domain=number
+        )
+        self._tokens: list[Handle] = [
+            session.announce(ros_node_token(session.zid, "irsd", number)),
+            session.announce(token),
+        ]
+        self._gid = ros_gid(token)
+        self._bridge = bridge_key(_TF_TOPIC, namespace)
+        self._rmw = rmw_key(_TF_TOPIC, cdr.TF_MESSAGE, known, number)
+        self._seq = 0
+
+    def publish(self, where: Localisation, frame: str) -> None:
+        """frame: the map's name. Under the keys of both bridges: only one of them listens."""
+        self._seq += 1
+        transform = cdr.make_transform(where.stamp_ns, frame, where.odom_frame, where.map_T_odom)
+        payload = cdr.write(cdr.make(cdr.TF_MESSAGE, transforms=[transform]))
+        self._session.put(self._bridge, payload, encoding=CDR, express=True, block=False)
+        attachment = ros_attachment(self._seq, where.stamp_ns, self._gid)
+        self._session.put(self._rmw, payload, encoding=CDR, attachment=attachment, express=True, block=False)
+
+    def close(self) -> None:
+        for token in self._tokens:
+            token.close()
+
+
 class LocalisationPublisher:
     """Tells the network of every localisation. ``publish``: from one thread."""
 
-    def __init__(self, session: Session, keys: RobotKeys, frame: str) -> None:
-        self._session, self._key, self._frame = session, keys.map_odom, frame
+    def __init__(self, session: Session, keys: RobotKeys, frame: str, tf: TfPublisher | None = None) -> None:
+        """frame: the map's name. tf: told too."""
+        self._key, self._frame, self._tf = keys.map_odom, frame, tf
         self._seq = 0
         self._last = Cell(b"")
         self._publisher = session.publisher(self._key, express=True, block=False)
@@ -71,45 +104,20 @@ class LocalisationPublisher:
         self._seq += 1
         self._last.set(localisation_to_json(where, seq=self._seq, frame=self._frame))
         self._publisher.put(self._last.get())
+        if self._tf is not None:
+            self._tf.publish(where, self._frame)
 
     def close(self) -> None:
         self._answering.close()
         self._publisher.close()
+        if self._tf is not None:
+            self._tf.close()
 
     def _answer(self, query: Query) -> None:
         document = self._last.get()
         if not document:
             raise TransportError("no sweep has been placed in the map yet")
         query.reply(self._key, document)
-
-
-class TfPublisher:
-    """The same as map -> odom on /tf, for ROS behind either bridge. ``publish``: from one thread."""
-
-    def __init__(self, session: Session, frame: str, *, namespace: str = "", domain: int | None = None) -> None:
-        self._session, self._frame = session, frame
-        known, number = cdr.type_hash(cdr.TF_MESSAGE), domain or 0
-        token = ros_endpoint_token(
-            session.zid, "irsd", 0, _TF_TOPIC, cdr.TF_MESSAGE, known, publishes=True, domain=number
-        )
-        self._tokens: list[Handle] = [session.announce(ros_node_token(session.zid, "irsd", number)), session.announce(token)]
-        self._gid = ros_gid(token)
-        self._bridge = bridge_key(_TF_TOPIC, namespace)
-        self._rmw = rmw_key(_TF_TOPIC, cdr.TF_MESSAGE, known, number)
-        self._seq = 0
-
-    def publish(self, where: Localisation) -> None:
-        """Under the keys of both bridges: only one of them listens."""
-        self._seq += 1
-        transform = cdr.make_transform(where.stamp_ns, self._frame, where.odom_frame, where.map_T_odom)
-        payload = cdr.write(cdr.make(cdr.TF_MESSAGE, transforms=[transform]))
-        self._session.put(self._bridge, payload, encoding=CDR, express=True, block=False)
-        attachment = ros_attachment(self._seq, where.stamp_ns, self._gid)
-        self._session.put(self._rmw, payload, encoding=CDR, attachment=attachment, express=True, block=False)
-
-    def close(self) -> None:
-        for token in self._tokens:
-            token.close()
 
 
 class MapFrame:
@@ -145,6 +153,13 @@ class MapFrame:
             return 0.0, 0.0, 0.0
         pose = where.map_T_odom
         return float(pose[0, 3]), float(pose[1, 3]), yaw_of(pose)
+
+    def to_map(self, xy_yaw: tuple[float, float, float]) -> tuple[float, float, float]:
+        """A pose (x_m, y_m, yaw_rad) of the odometry's frame in the map; yaw in -pi..pi."""
+        x, y, yaw = self.xy_yaw
+        c, s, turned = math.cos(yaw), math.sin(yaw), yaw + xy_yaw[2]
+        place = x + c * xy_yaw[0] - s * xy_yaw[1], y + s * xy_yaw[0] + c * xy_yaw[1]
+        return *place, math.atan2(math.sin(turned), math.cos(turned))
 
     def close(self) -> None:
         self._subscription.close()

@@ -29,15 +29,21 @@ class LocaliseSettings:
     enabled: bool = setting(
         True, "correct the odometry by the map; false: the map's frame is the odometry's (it is localised already)"
     )
-    max_points: int = setting(1000, "points of a sweep that are laid on the map (the others take turns)", lo=50, hi=100_000)
+    max_points: int = setting(
+        1000, "points of a sweep that are laid on the map (the others take turns)", lo=50, hi=100_000
+    )
     reach_m: float = setting(0.2, "planes of the map are looked for up to this far from a point", lo=0.05, hi=1.0)
     upright: float = setting(0.5, "|n_z| up to which a plane tells of x, y and yaw", lo=0.1, hi=1.0)
-    noise_m: float = setting(0.05, "least scale of the robust weight; three times the range noise or more", lo=0.01, hi=0.5)
+    noise_m: float = setting(
+        0.05, "least scale of the robust weight; three times the range noise or more", lo=0.01, hi=0.5
+    )
     weak: float = setting(
         0.01, "share of the points that must tell of a direction, or it is left to odometry (corridors)", lo=0.0, hi=0.3
     )
     min_overlap: float = setting(0.1, "share of a sweep's points that must have a plane in the map", lo=0.01, hi=1.0)
-    min_fit: float = setting(0.5, "mean weight of those points, 1 = all on their planes, below which the match is bad", lo=0.0, hi=1.0)
+    min_fit: float = setting(
+        0.5, "mean weight of those points, 1 = all on their planes, below which the match is bad", lo=0.0, hi=1.0
+    )
     max_step_m: float = setting(0.3, "largest step of one sweep; farther is a mistake", lo=0.01, hi=5.0)
     max_turn_rad: float = setting(0.1, "largest turn of one sweep", lo=0.005, hi=1.0)
     publish_tf: bool = setting(
@@ -94,7 +100,9 @@ class Localiser:
         verdict = self._judge(found, least)
         self._counters[verdict] += 1
         if verdict != "matched":
-            self._deviation_m = min(1.1 * self._deviation_m, s.reach_m / 3)  # the longer without, the farther it may be off
+            self._deviation_m = min(
+                1.1 * self._deviation_m, s.reach_m / 3
+            )  # the longer without, the farther it may be off
             return None
         self._counters["degenerate"] += found.free < 3
         deviation = float(np.hypot(found.move[0], found.move[1])) + 2 * LEVER_M * abs(np.sin(found.move[2] / 2))

@@ -6,6 +6,7 @@ import numpy as np
 
 from irsd.core.types import CameraModel, DeskewedScan, SyncedFrame
 from irsd.mapping.mapper import Mapper, MappingSettings
+from irsd.mapping.registration import Reach, align
 from irsd.mapping.voxels import VoxelSettings
 
 
@@ -22,6 +23,7 @@ def warm_up() -> None:
     mapper.walls.add(grid, grid)
     mapper.voxels.rows_at(grid)
     mapper.visible(np.eye(4), CameraModel("", 64, 48, np.diag([50.0, 50.0, 1.0]), "plumb_bob", np.zeros(5)), 5.0)
+    align(grid, np.zeros(3), np.zeros(3), mapper.voxels.planes, Reach(1, 0.2, 0.5, 0.1, 0.01), least=0, rounds=1)
     mapper.wall_points()
     mapper.plan_evidence()
     mapper.navigation_grid()

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.geometry import matrix_to_quat_xyzw
 from irsd.core.types import CameraImage, CameraModel, Detections, LidarScan, OdomSample, StaticTransform
 from irsd.io import cdr as ros
 
@@ -120,7 +119,8 @@ def encode_odometry(
 
 def encode_tf(transforms: Sequence[StaticTransform], stamp_ns: int = 0) -> bytes:
     """TFMessage of fixed mountings."""
-    return ros.write(ros.make(ros.TF_MESSAGE, transforms=[_transform_stamped(t, stamp_ns) for t in transforms]))
+    made = [ros.make_transform(stamp_ns, t.parent, t.child, t.parent_T_child) for t in transforms]
+    return ros.write(ros.make(ros.TF_MESSAGE, transforms=made))
 
 
 def encode_detections(detections: Detections) -> tuple[bytes, bytes]:
@@ -159,18 +159,3 @@ def _file_of(
 def _compressed(stamp_ns: int, frame_id: str, file_format: str, file: NDArray[np.uint8]) -> bytes:
     header = ros.make_header(stamp_ns, frame_id)
     return ros.write(ros.make(ros.COMPRESSED_IMAGE, header=header, format=file_format, data=file))
-
-
-def _transform_stamped(transform: StaticTransform, stamp_ns: int) -> object:
-    x, y, z = map(float, transform.parent_T_child[:3, 3])
-    qx, qy, qz, qw = map(float, matrix_to_quat_xyzw(transform.parent_T_child[:3, :3]))
-    return ros.make(
-        "geometry_msgs/msg/TransformStamped",
-        header=ros.make_header(stamp_ns, transform.parent),
-        child_frame_id=transform.child,
-        transform=ros.make(
-            "geometry_msgs/msg/Transform",
-            translation=ros.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-            rotation=ros.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-        ),
-    )

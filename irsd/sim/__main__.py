@@ -14,11 +14,12 @@ from irsd.core.errors import DecodeError, IrsdError, TransportError
 from irsd.core.runtime import Mailbox, Ring, Stopper, monotonic_s, sleep_s, wall_clock_ns
 from irsd.io.handles import Query
 from irsd.io.keys import RobotKeys, bridge_key
+from irsd.io.localisation import MapFrame
 from irsd.io.session import CDR, JSON, Publisher, Sample, Session, ZenohSettings, open_session, with_environment
 from irsd.sensors.replay import RecordingWriter
 from irsd.sim.building import truth_document
 from irsd.sim.changes import apply
-from irsd.sim.orders import Orders
+from irsd.sim.orders import Orders, Way
 from irsd.sim.world import DETECTIONS_TOPIC, JSON_TYPE, TF_TOPIC, World, WorldMessage, WorldSettings, with_speed
 
 _log = logging.getLogger("irsd.sim")
@@ -49,6 +50,7 @@ class Robot2Zenoh:
         self._publishers: dict[str, Publisher] = {}
         self._state = session.publisher(keys.key("sim/state"), encoding=JSON)
         self._orders = Orders()
+        self._map_frame = MapFrame(session, keys)
         self._waypoints: Ring[Sample] = Ring(8)
         self._subscription = session.subscribe(keys.nav("waypoints"), self._waypoints)
         self._changes: Ring[tuple[bytes, Mailbox[dict[str, Any]]]] = Ring(8)
@@ -83,12 +85,17 @@ class Robot2Zenoh:
         header = {"schema": "irs/sim/state/1", "seq": self._state_seq, "frame": "map", "stamp_ns": world.now_ns}
         self._state.put(json.dumps({**header, **world.state()}).encode())
 
-    def new_waypoints(self) -> list[list[float]] | None:
+    @property
+    def map_T_odom(self) -> tuple[float, float, float]:
+        """Where irsd says that the odometry's frame lies in its map: (x_m, y_m, yaw_rad)."""
+        return self._map_frame.xy_yaw
+
+    def new_waypoints(self) -> Way | None:
         """The way to follow from now on; None to go on as before. Bad documents are logged and dropped.
 
         A plan that is not repeated in time is taken for a stop.
         """
-        latest: list[list[float]] | None = None
+        latest: Way | None = None
         for sample in self._waypoints.drain():
             try:
                 heard = self._orders.hear(sample.payload, sample.received_ns * 1e-9)
@@ -98,7 +105,7 @@ class Robot2Zenoh:
             latest = latest if heard is None else heard
         if self._orders.overdue(monotonic_s()):
             _log.warning("no word from the planner in time: holding")
-            return []
+            return Way([], "map")
         return latest
 
     def make_changes(self, world: World) -> None:
@@ -123,7 +130,7 @@ class Robot2Zenoh:
 
     def close(self) -> None:
         """Ends the subscription and publishers."""
-        for handle in (self._answering, self._subscription, self._state, *self._publishers.values()):
+        for handle in (self._answering, self._subscription, self._map_frame, self._state, *self._publishers.values()):
             handle.close()
 
     def _declare(self, message: WorldMessage) -> Publisher:
@@ -151,8 +158,10 @@ def run(world: World, link: Robot2Zenoh, duration_s: float | None, stopper: Stop
             _log.warning("the world is too slow: %.1f s lost so far", slipped_s)
         waypoints = link.new_waypoints()
         if waypoints is not None:
-            _log.info("%d waypoints received" if waypoints else "stop received (%d waypoints)", len(waypoints))
-            world.follow(waypoints)
+            count = len(waypoints.points)
+            _log.info("%d waypoints received" if count else "stop received (%d waypoints)", count)
+            world.follow(*waypoints)
+        world.map_T_odom = link.map_T_odom
         link.make_changes(world)
         for message in world.step(_STEP_S):
             link.send(message)

@@ -89,7 +89,9 @@ class World:
         self._tour = list(exploring_tour(self.building)) if explore else []
         self._tour_work = max(sum(self._work_s(leg.length_m, leg.turn_rad) for leg in self._tour), 1e-9)
         self._tasks: list[PathTask | LookTask] = []
+        self.map_T_odom = (0.0, 0.0, 0.0)  # (x_m, y_m, yaw_rad), as the robot's localisation says
         self._way: PathTask | None = None
+        self._way_frame = "map"
         self._trail: list[tuple[int, float, float, float]] = [(start_ns, 0.0, 0.0, 0.0)]
         self._due = dict.fromkeys(("lidar", "camera", "odometry", "tf"), start_ns)
         self._due["lidar"] += _ns(self.settings.lidar.period_s)
@@ -127,15 +129,15 @@ class World:
         self._due = {what: due_ns + shift_ns for what, due_ns in self._due.items()}
         self._trail = [(stamp_ns, 0.0, 0.0, 0.0)]
 
-    def follow(self, waypoints: Sequence[Sequence[float]]) -> None:
-        """Follow (x, y, yaw) waypoints in the odometry's frame instead of whatever was going on; an empty list stops.
+    def follow(self, waypoints: Sequence[Sequence[float]], frame: str = "map") -> None:
+        """Follow (x, y, yaw) waypoints in a frame, map or odom, instead of whatever was going on; an empty list stops.
 
-        As on a real robot the way is followed by odometry, never by the true pose. Ends the exploring tour.
+        As on a real robot the way is followed by odometry and ``map_T_odom``, never by the true pose. Ends the exploring tour.
         """
-        self._tour, self._tasks, self._way = [], [], None
+        self._tour, self._tasks, self._way, self._way_frame = [], [], None, frame
         if len(waypoints):
             way = np.array([list(map(float, point)) for point in waypoints])
-            path = np.vstack([self.robot.odometry[:2], way[:, :2]])
+            path = np.vstack([self._believed()[:2], way[:, :2]])
             self._way = PathTask(path, float(way[-1, 2]), self.settings.robot.speed_m_s)
 
     # ------------------------------------------------------------------------------------------------- what changes
@@ -209,7 +211,7 @@ class World:
     def _wanted(self, dt_s: float) -> Command:
         """The task's command; the next task where one is done."""
         if self._way is not None:
-            command = self._way.command(self.robot.odometry, dt_s)
+            command = self._way.command(self._believed(), dt_s)
             if command.done:
                 self._way = None
                 self.waypoints_stuck += command.stuck
@@ -227,6 +229,15 @@ class World:
             if not command.done:
                 return command
             self._tasks.pop(0)
+
+    def _believed(self) -> NDArray[np.float64]:
+        """Where the robot thinks it is, in the frame of its way: (x, y, unwrapped yaw)."""
+        if self._way_frame == "odom":
+            return self.robot.odometry
+        x, y, yaw = self.map_T_odom
+        c, s = np.cos(yaw), np.sin(yaw)
+        ahead, left, turned = self.robot.odometry
+        return np.array([x + c * ahead - s * left, y + s * ahead + c * left, yaw + turned])
 
     def _work_s(self, length_m: float, turn_rad: float) -> float:
         return length_m / self.settings.robot.speed_m_s + abs(turn_rad) / self.settings.look_rad_s
