@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.geometry import Pose, pose_from_xy_yaw, transform
+from irsd.core.geometry import Pose, invert, pose_from_xy_yaw, transform, yaw_of
 from irsd.core.settings import setting
 from irsd.core.types import CameraView, Localisation, SyncedFrame
 from irsd.mapping.registration import LEVER_M, Alignment, Reach, align
@@ -44,6 +44,10 @@ class LocaliseSettings:
     min_fit: float = setting(
         0.5, "mean weight of those points, 1 = all on their planes, below which the match is bad", lo=0.0, hi=1.0
     )
+    drift: float = setting(0.01, "share of its way by which the odometry may be off, as one sigma", lo=0.001, hi=0.5)
+    match_m: float = setting(
+        0.01, "by how much one sweep's place on the map may be off, as one sigma", lo=0.001, hi=0.2
+    )
     max_step_m: float = setting(0.3, "largest step of one sweep; farther is a mistake", lo=0.01, hi=5.0)
     max_turn_rad: float = setting(0.1, "largest turn of one sweep", lo=0.005, hi=1.0)
     publish_tf: bool = setting(
@@ -58,6 +62,8 @@ class Localiser:
         self._settings = settings
         self._x_m, self._y_m, self._yaw_rad, self._z_m = 0.0, 0.0, 0.0, 0.0
         self._deviation_m = _FIRST_DEVIATION_M
+        self._variance_m2 = 0.0  # the map starts as the odometry's frame
+        self._last: Pose | None = None
         self._turn = 0
         self._state = "odometry" if settings.enabled else "off"
         self._counters = dict.fromkeys(("matched", "thin", "bad_fit", "too_far", "degenerate"), 0)
@@ -70,11 +76,12 @@ class Localiser:
     def place(self, frame: SyncedFrame, voxels: VoxelMap) -> tuple[SyncedFrame, Localisation]:
         """A frame of the synchroniser, which is in the odometry's frame, laid in the map; and where that has put the robot."""
         predicted = _moved(frame, self.map_T_odom)
+        self._drift_on(frame.map_T_base)
         if self._settings.enabled and voxels.slot_count and len(frame.scan.points_map):
             found = self._match(predicted, voxels)
             self._state = "odometry" if found is None else "map"
             if found is not None:
-                self._move(found, predicted.map_T_base[:2, 3])
+                self._move(self._trusted(found) * found, predicted.map_T_base[:2, 3])
                 predicted = _moved(frame, self.map_T_odom)
         where = Localisation(frame.stamp_ns, frame.odom_frame, self.map_T_odom, predicted.map_T_base, self._state)
         return predicted, where
@@ -105,9 +112,25 @@ class Localiser:
             )  # the longer without, the farther it may be off
             return None
         self._counters["degenerate"] += found.free < 3
-        deviation = float(np.hypot(found.move[0], found.move[1])) + 2 * LEVER_M * abs(np.sin(found.move[2] / 2))
-        self._deviation_m = float(np.sqrt(_FADE * self._deviation_m**2 + (1 - _FADE) * deviation**2))
+        self._deviation_m = float(np.sqrt(_FADE * self._deviation_m**2 + (1 - _FADE) * _size_m(found.move) ** 2))
         return found.move
+
+    def _drift_on(self, odom_T_base: Pose) -> None:
+        """The odometry has gone on: its place in the map is known less well by a share of the way."""
+        if self._last is not None:
+            step = invert(self._last) @ odom_T_base
+            way_m = _size_m(np.array([step[0, 3], step[1, 3], yaw_of(step)]))
+            self._variance_m2 += (self._settings.drift * way_m) ** 2
+        self._last = odom_T_base
+
+    def _trusted(self, move: NDArray[np.float64]) -> float:
+        """The share of a move that is made: a scalar Kalman gain. One that is beyond three sigma shows that odometry was off by it."""
+        noise_m2, size_m2 = self._settings.match_m**2, _size_m(move) ** 2
+        if size_m2 > 9 * (self._variance_m2 + noise_m2):
+            self._variance_m2 = size_m2
+        gain = self._variance_m2 / (self._variance_m2 + noise_m2)
+        self._variance_m2 *= 1 - gain
+        return gain
 
     def _judge(self, found: Alignment, least: int) -> str:
         if found.matched < least or not found.free:
@@ -124,6 +147,11 @@ class Localiser:
         self._x_m = float(pivot_xy[0] + move[0]) + c * x - s * y
         self._y_m = float(pivot_xy[1] + move[1]) + s * x + c * y
         self._yaw_rad += float(move[2])
+
+
+def _size_m(move: NDArray[np.float64]) -> float:
+    """How far a move (x, y, yaw) takes a point LEVER_M off, at most."""
+    return float(np.hypot(move[0], move[1]) + 2 * LEVER_M * abs(np.sin(move[2] / 2)))
 
 
 def _moved(frame: SyncedFrame, parent_T_frame: Pose) -> SyncedFrame:
