@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import signal
 from dataclasses import replace
 from datetime import datetime
@@ -17,7 +16,6 @@ from functools import partial
 from typing import Any
 
 from irsd.core.errors import DecodeError, IrsdError, TransportError
-from irsd.core.geometry import quat_xyzw_to_matrix
 from irsd.core.runtime import Event, Ring, Stopper, monotonic_ns, monotonic_s, wall_clock_ns
 from irsd.core.systemd import Watchdog, notify
 from irsd.graph.model import GraphSnapshot
@@ -150,10 +148,7 @@ class Bridge:
             ):  # 1st, 2nd, 4th, ...: a wrong topic must not flood the log
                 _log.warning("%d odometry messages were dropped, last: %s", self._bad_odometry, error)
             return
-        turn = quat_xyzw_to_matrix(odometry.quat_xyzw)
-        x, y, _ = (float(v) for v in odometry.position_m)
-        odom_xy_yaw = (x, y, math.atan2(turn[1, 0], turn[0, 0]))
-        self._pose, self._pose_ns = self._map_frame.to_map(odom_xy_yaw), sample.received_ns
+        self._pose, self._pose_ns = self._map_frame.robot(odometry), sample.received_ns
         if self._drive is not None:
             self._judge(self._drive.monitor.update(sample.received_ns, self._pose), sample.received_ns)
 

@@ -11,16 +11,15 @@ import math
 from typing import Any
 
 from irsd.core.errors import DecodeError, TransportError
-from irsd.core.geometry import Pose, pose_from_xy_yaw, yaw_of
+from irsd.core.geometry import Pose, pose_from_xy_yaw, quat_xyzw_to_matrix, yaw_of
 from irsd.core.runtime import Cell
-from irsd.core.types import Localisation
+from irsd.core.types import Localisation, OdomSample
 from irsd.io import cdr
 from irsd.io.keys import RobotKeys, bridge_key, rmw_key, ros_attachment, ros_endpoint_token, ros_gid, ros_node_token
 from irsd.io.session import CDR, Handle, Query, Sample, Session
 
 SCHEMA = "irs/localisation/1"
 STATES = ("map", "odometry", "off")
-_POSES = ("map_T_odom", "map_T_base")
 _TF_TOPIC = "/tf"
 
 
@@ -45,8 +44,13 @@ def localisation_from_json(payload: bytes) -> Localisation:
         document: dict[str, Any] = json.loads(payload)
         if document["schema"] != SCHEMA or document["state"] not in STATES:
             raise ValueError(f"schema {document['schema']!r}, state {document['state']!r}")
-        poses = [pose_from_xy_yaw(*(float(document[name][k]) for k in ("x", "y", "yaw", "z"))) for name in _POSES]
-        return Localisation(int(document["stamp_ns"]), str(document["odom_frame"]), *poses, document["state"])
+        map_T_odom, map_T_base = (
+            pose_from_xy_yaw(*(float(document[name][k]) for k in ("x", "y", "yaw", "z")))
+            for name in ("map_T_odom", "map_T_base")
+        )
+        return Localisation(
+            int(document["stamp_ns"]), str(document["odom_frame"]), map_T_odom, map_T_base, document["state"]
+        )
     except (ValueError, KeyError, TypeError) as error:
         raise DecodeError(f"no {SCHEMA} document: {error!r}") from error
 
@@ -160,6 +164,11 @@ class MapFrame:
         c, s, turned = math.cos(yaw), math.sin(yaw), yaw + xy_yaw[2]
         place = x + c * xy_yaw[0] - s * xy_yaw[1], y + s * xy_yaw[0] + c * xy_yaw[1]
         return *place, math.atan2(math.sin(turned), math.cos(turned))
+
+    def robot(self, odometry: OdomSample) -> tuple[float, float, float]:
+        """Where the odometry's robot is in the map: (x_m, y_m, yaw_rad)."""
+        x, y, _ = (float(v) for v in odometry.position_m)
+        return self.to_map((x, y, yaw_of(quat_xyzw_to_matrix(odometry.quat_xyzw))))
 
     def close(self) -> None:
         self._subscription.close()

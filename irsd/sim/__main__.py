@@ -130,7 +130,8 @@ class Robot2Zenoh:
 
     def close(self) -> None:
         """Ends the subscription and publishers."""
-        for handle in (self._answering, self._subscription, self._map_frame, self._state, *self._publishers.values()):
+        self._map_frame.close()
+        for handle in (self._answering, self._subscription, self._state, *self._publishers.values()):
             handle.close()
 
     def _declare(self, message: WorldMessage) -> Publisher:
