@@ -1,7 +1,7 @@
 """What goals in words are worth: time to an answer on a large site, and right answers with calibrated scores on known buildings.
 
     python benchmarks/goto.py                         time to accepted: 10,000 things in 200 rooms, in process and over zenoh
-    python benchmarks/goto.py --calibrate [--seeds 1-10] [--folders DIR ...] [--write docs/calibration.md]
+    python benchmarks/goto.py --calibrate [--seeds 1-3] [--folders DIR ...] [--cache DIR] [--write FILE]
 
 Times: every sentence is asked once, after some that warm up caches; CPU seconds of the process beside wall clock, as other work on
 the machine counts only for the latter. Over zenoh, nav_bridge is a process of its own and so is whoever asks; graph, map, points and
@@ -48,9 +48,10 @@ KEYS = RobotKeys("bench")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calibrate", action="store_true")
-    parser.add_argument("--seeds", default="1-10")
+    parser.add_argument("--seeds", default="1-3")
     parser.add_argument("--folders", nargs="*", type=Path, default=[])
     parser.add_argument("--truth", type=Path, default=Path("../shared/data/small_house"))
+    parser.add_argument("--cache", type=Path, default=Path("calibration"), help="keeps the explored buildings")
     parser.add_argument("--write", type=Path, default=None)
     options = parser.parse_args()
     if options.calibrate:
@@ -58,7 +59,7 @@ def main() -> None:
 
         first, _, last = options.seeds.partition("-")
         seeds = range(int(first), int(last or first) + 1) if options.seeds else range(0)
-        table = calibrate(seeds, options.folders, options.truth)
+        table = calibrate(seeds, options.folders, options.truth, options.cache)
         print(table)
         if options.write is not None:
             options.write.write_text(table + "\n")

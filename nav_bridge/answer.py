@@ -126,7 +126,12 @@ def why_document(answer: Answer, graph: GraphSnapshot) -> Mapping[str, Any]:
     nodes = {node.id: node for node in graph.instances}
     considered = []
     for candidate in answer.resolution.considered:
-        entry = {**_candidate(candidate), "notes": list(candidate.notes), "rejected": candidate.rejected or None}
+        entry = {
+            **_candidate(candidate),
+            "evidence": candidate.evidence,
+            "notes": list(candidate.notes),
+            "rejected": candidate.rejected or None,
+        }
         if candidate.instance in nodes:
             node = nodes[candidate.instance]
             entry |= {

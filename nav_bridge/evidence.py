@@ -29,7 +29,10 @@ class EvidenceSettings:
     """How names are compared. The cosines were measured with the shipped text encoder on synonym and distractor pairs."""
 
     match_cosine: float = setting(
-        0.60, "embedding cosine from which two names mean the same (0.2 % of distractors pass)", lo=0.0, hi=1.0
+        0.65,
+        "embedding cosine from which two names mean the same (of 30 things one passes by chance in 6 %)",
+        lo=0.0,
+        hi=1.0,
     )
     maybe_cosine: float = setting(0.45, "embedding cosine from which a thing is offered as a candidate", lo=0.0, hi=1.0)
     sibling_cosine: float = setting(
@@ -114,7 +117,7 @@ class Knowledge:
         other_name = " ".join([*seen.split()[:-1], wanted])
         called_so = " " in other_name and meant[0] in self.names.senses(other_name)
         if called_so or seen.endswith(f" {wanted}"):
-            return 0.8 if seen.endswith(f" {wanted}") else 0.65
+            return 0.8 if seen.endswith(f" {wanted}") else 0.55  # by another name than was said: only perhaps
         # Both are known and differ: only things of one kind may still pass for each other, and only if they are very close.
         parents = [set(self.names.ancestors(s)[:1]) for s in (senses[0], meant[0])]
         if parents[0] & parents[1]:

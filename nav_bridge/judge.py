@@ -21,8 +21,11 @@ Text = Callable[[int], str]
 
 _REACH_M = 5.5  # things farther apart than this stand in no relation but nearest and between
 _BETWEEN_M = 12.0
-_FEW_OF_TYPICAL = 0.2  # at this share of the typical number of observations a thing is as likely real as not
-_OTHER_ROOM = 0.6  # what a relation through a wall is worth
+_FEW_OF_TYPICAL = 0.1  # at this share of the typical number of observations a thing is as likely real as not
+_BEARS_OUT = (
+    0.7  # fit of a relation that makes a doubtful name sure: "the cabinet under the TV" may be called a TV stand
+)
+_OTHER_ROOM = 0.5  # what a relation through a wall is worth
 _IN_REACH = ("near", "front", "left", "right", "behind", "at", "with")  # relations that a wall cuts
 
 
@@ -30,6 +33,7 @@ _IN_REACH = ("near", "front", "left", "right", "behind", "at", "with")  # relati
 class Cases:
     """Candidates while they are judged. rows: of the index. order: what a superlative goes by, smallest first.
 
+    borne: bool [n], a relation that was said fits well, which bears out a name that alone would be a guess.
     reason: 0 for who is still in, else 1 + the place in reasons of why it is out. Notes and reasons are texts made when asked for.
     """
 
@@ -39,6 +43,7 @@ class Cases:
     score: Floats
     order: Floats
     reason: NDArray[np.intp]
+    borne: NDArray[np.bool_]
     reasons: list[Text] = field(default_factory=list)
     notes: list[Text] = field(default_factory=list)
 
@@ -64,13 +69,14 @@ class Cases:
     def part(self, which: Rows) -> Cases:
         """Some of the cases, all of them in, to be judged further without touching these."""
         none = np.zeros(len(which), np.intp)
-        return Cases(self.index, self.rows[which], self.label[which], self.score[which], self.order[which], none)
+        judged = self.label[which], self.score[which], self.order[which]
+        return Cases(self.index, self.rows[which], *judged, none, self.borne[which].copy())
 
     def candidate(self, k: int) -> Candidate:
         node = self.index.graph.instances[self.rows[k]]
-        score = round(min(1.0, float(self.score[k])), 3)
+        evidence = round(min(1.0, float(self.score[k])), 3)
         notes = tuple(filter(None, (note(k) for note in self.notes)))
-        return Candidate(node.id, node.label, node.room, score, notes, self.why_out(k))
+        return Candidate(node.id, node.label, node.room, 0.0, notes, self.why_out(k), evidence=evidence)
 
 
 # --------------------------------------------------------------------------------------------------------------- names
@@ -94,9 +100,11 @@ def named(spec: GoalSpec, index: Index, knowledge: Knowledge, *, least: float, m
     for k, phrase in enumerate(spec.things):
         mine = means == k
         attribute[mine] = knowledge.attribute_scores(phrase.attributes, rows[mine], index)
-    sure = index.exists[rows] * _seen_enough(index)[rows]
+    # Both say how surely the thing is one, and mostly of the same pictures: their mean, not their product.
+    sure = np.sqrt(index.exists[rows] * _seen_enough(index)[rows])
     label = label[rows]
-    cases = Cases(index, rows, label, label * attribute * sure, np.zeros(len(rows)), np.zeros(len(rows), np.intp))
+    n = len(rows)
+    cases = Cases(index, rows, label, label * attribute * sure, np.zeros(n), np.zeros(n, np.intp), np.zeros(n, bool))
     cases.notes.append(lambda k: f"labels {label[k]:.2f}")
     cases.notes.append(lambda k: f"attributes x{attribute[k]:.2f}" if attribute[k] != 1.0 else "")
     _by_size(cases, spec)
@@ -104,12 +112,14 @@ def named(spec: GoalSpec, index: Index, knowledge: Knowledge, *, least: float, m
 
 
 def _seen_enough(index: Index) -> Floats:
-    """[N] 0..1: what is seen far less often than most things here is more often a slip of the eye than a thing."""
-    there = index.observations[(index.exists > 0) & (index.observations > 0)]
-    few = max(1.0, _FEW_OF_TYPICAL * float(np.median(there))) if len(there) else 1.0
+    """[N] 0..1: what is seen far less often than most things here is more often a slip of the eye than a thing.
+
+    What no picture has seen (0 observations: found by its shape alone) is none of the eye's slips: 1.
+    """
     seen = index.observations.astype(np.float64)
-    # What only the LiDAR saw was never in a picture: its existence alone says how sure it is.
-    return np.where(index.observations == 0, 1.0, seen**2 / (seen**2 + few**2))
+    there = seen[(index.exists > 0) & (seen > 0)]
+    few = max(1.0, _FEW_OF_TYPICAL * float(np.median(there))) if len(there) else 1.0
+    return np.asarray(np.where(seen > 0, seen**2 / (seen**2 + few**2), 1.0))
 
 
 def _by_size(cases: Cases, spec: GoalSpec) -> None:
@@ -217,6 +227,8 @@ def by_relation(
     what = f"{relation.kind.replace('_', ' ')} {names}".strip()
     cases.notes.append(lambda k: f"{'not ' if relation.negated else ''}{what} {fit[k]:.2f}")
     cases.score = cases.score * fit
+    if not negated and groups:
+        cases.borne |= fit >= _BEARS_OUT
     cases.reject(fit < least, lambda _: f"{'' if relation.negated else 'not '}{what}")
     return ""
 

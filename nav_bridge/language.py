@@ -301,7 +301,7 @@ def _place(spec: GoalSpec, segments: Sequence[Segment], language: str, names: Na
             choice = c.OTHER_SIDE[side] if choice == "last" else side
         elif set(bare) & w.ME and kind in ("near", "nearest", "at", "of", "front"):
             choice = choice or "nearest"
-        elif placed := _without_anchor(kind, bare, negated):
+        elif not (len(bare) > 1 and names.known(" ".join(bare))) and (placed := _without_anchor(kind, bare, negated)):
             relations.append(placed)
         elif (
             kind in ("in", "on", "at", "of", "with")

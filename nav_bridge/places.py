@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +41,8 @@ _TELLING = 0.6  # share of its label from which a room is known to be of that ki
 _BY_THINGS = 0.7  # what the things round it are worth against the room's label
 _FEW = 0.15  # votes below this tell nothing
 UNTOLD = "room"
+_PASSAGE = "corridor"  # known by its shape: long, narrow, with many doors
+_DOORS_OF_PASSAGE = 3
 _BEYOND_M = 0.7  # so far from a door one is in the room behind it
 
 
@@ -50,6 +53,15 @@ class _Room:
     things: tuple[object, ...]
     votes: NDArray[np.float64]
     glazed: float
+
+
+def _passage(room: RoomNode, index: Index) -> float:
+    """0..1: how far a room is a corridor by its shape: more than three times as long as wide, with doors to several rooms."""
+    doors = sum(room.id in door.rooms for door in index.graph.doors)
+    if doors < _DOORS_OF_PASSAGE or len(room.polygon_xy) < 3:
+        return 0.0
+    (_, (a, b), _) = cv2.minAreaRect(np.asarray(room.polygon_xy, np.float32))
+    return float(np.clip(max(a, b) / max(min(a, b), 1e-3) - 2.5, 0.0, 1.0))
 
 
 class Places:
@@ -105,7 +117,11 @@ class Places:
         out = np.zeros(len(shares))
         for k, room in enumerate(index.graph.rooms):
             likely = shares[k]
-            if likely.get(self.names.canonical_room(room.label), 0.0) < _TELLING and len(likely):
+            passage = _passage(room, index)
+            if passage > 0.0:  # what stands in a corridor says little: plants, pictures
+                rest = {kind: share * (1.0 - passage) for kind, share in likely.items()}
+                likely = {**rest, _PASSAGE: max(passage, rest.get(_PASSAGE, 0.0))}
+            elif likely.get(self.names.canonical_room(room.label), 0.0) < _TELLING and likely:
                 glazed = self._room(room, index).glazed
                 likely = {
                     kind: share
@@ -193,8 +209,10 @@ class Places:
             room = index.graph.rooms[at]
             here = np.flatnonzero(index.room[rows] == at)
             votes = self._room(room, index).votes[np.searchsorted(index.members[room.id], rows[here])]
-            most = votes.max(1, initial=0.0)
-            by_things[here] = np.where(most >= _FEW, votes[:, column] / np.maximum(most, _FEW), 0.0)
+            # A vote that is spread over many kinds (plants, pictures) says nothing; half of it for one kind says enough.
+            total = votes.sum(1)
+            share = votes[:, column] / np.maximum(total, _FEW)
+            by_things[here] = np.where(votes.max(1, initial=0.0) >= _FEW, np.minimum(1.0, 2.0 * share), 0.0)
         soft = 1.0 - (1.0 - 0.95 * by_room) * (1.0 - _BY_THINGS * by_things)
         named = next((k for k, room in enumerate(index.graph.rooms) if fold(room.id) == fold(wanted)), None)
         return soft if named is None else (index.room[rows] == named).astype(np.float64)

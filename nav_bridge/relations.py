@@ -126,10 +126,17 @@ def near(a: Boxes, b: Boxes, good_m: float = 0.4, none_m: float = 2.5) -> Floats
 
 
 def on(a: Boxes, b: Boxes) -> Floats:
-    """a rests on or in b: over its footprint, its bottom between b's bottom and a little above b's top."""
+    """a rests on or in b: over its footprint, its bottom between b's bottom and a little above b's top.
+
+    Of furniture often only the front is seen: what stands as high as its top, not far behind, is most likely on it as well.
+    """
     height = np.minimum(_fall(a.bottom_m - b.top_m, 0.12, 0.35), _fall(b.bottom_m - a.bottom_m, 0.05, 0.25))
     bigger = a.size_m[:, 0] * a.size_m[:, 1] > 2.5 * b.size_m[:, 0] * b.size_m[:, 1]
-    return np.where(bigger, 0.0, _fall(1.0 - plan_overlap(a, b), 0.4, 0.95) * height)
+    level = _fall(np.abs(a.bottom_m - b.top_m), 0.08, 0.2)
+    over = np.maximum(
+        _fall(1.0 - plan_overlap(a, b), 0.4, 0.95) * height, 0.75 * level * _fall(plan_gap(a, b), 0.1, 0.6)
+    )
+    return np.where(bigger, 0.0, over)
 
 
 def above(a: Boxes, b: Boxes) -> Floats:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A node that was considered. instance: its id, that of a room where the goal is a room; score: 0..1; rejected: why it is
-    out, "" when it is not. answer: what to say to mean this one of several, "" where that is not asked."""
+    """A node that was considered. instance: its id, that of a room where the goal is a room; score: chance, 0..1, that it is
+    the one meant. evidence: what its labels, attributes, room and relations make together, 0..1. rejected: why it is out, "" when it
+    is not. answer: what to say to mean this one of several, "" where that is not asked."""
 
     instance: str
     label: str
@@ -17,6 +18,7 @@ class Candidate:
     notes: tuple[str, ...] = ()
     rejected: str = ""
     answer: str = ""
+    evidence: float = 0.0
 
     @property
     def is_room(self) -> bool:

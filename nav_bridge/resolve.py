@@ -1,7 +1,8 @@
 """Which instance a goal means: Resolved, Ambiguous with the candidates, or NotFound with the reason. Never a guess.
 
-A candidate's score is the product of what its labels, its attributes, its room and its relations say. One clear winner is
-resolved; several that nothing tells apart are ambiguous, unless the goal leaves the choice open (any, nearest, ...).
+A candidate's evidence is the product of what its labels, its attributes, its room and its relations say. One clear winner is
+resolved, if the chance that it is meant (``calibration``) is good enough; several that nothing tells apart are ambiguous, unless the
+goal leaves the choice open (any, nearest, ...).
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ import numpy as np
 from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot
 from nav_bridge import relations as rel
+from nav_bridge.calibration import chance, with_chances
 from nav_bridge.evidence import Knowledge
 from nav_bridge.goal import GoalSpec
 from nav_bridge.judge import Cases, Eye, Rows, by_relation, by_rooms, named
 from nav_bridge.questions import ask
 from nav_bridge.relations import Floats
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Resolved
+
+_FOR_A_PURPOSE, _ANY_WILL_DO = 0.95, 0.8  # rival_ratio for these at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +36,9 @@ class ResolveSettings:
     min_relation: float = setting(0.25, "fit of a relation below which a candidate is rejected", lo=0.0, hi=1.0)
     rival_ratio: float = setting(
         0.6, "a candidate with this share of the best score can't be ruled out", lo=0.0, hi=1.0
+    )
+    min_chance: float = setting(
+        0.73, "chance of being the one meant from which the robot sets off; below it asks", lo=0.0, hi=1.0
     )
     min_existence: float = setting(0.2, "instances whose existence is less certain are not considered", lo=0.0, hi=1.0)
     max_candidates: int = setting(12, "how many candidates an answer lists", lo=1, hi=1000)
@@ -58,6 +65,8 @@ def resolve(
         doubt = by_relation(cases, relation, knowledge, eye, s.min_label, s.min_relation) or doubt
     sure = np.flatnonzero(cases.alive & (cases.label >= s.min_label))
     if not len(sure):
+        sure = np.flatnonzero(cases.alive & cases.borne)
+    if not len(sure):
         return _none_sure(cases, what, settings)
     rivals = _rivals(sure, cases, spec, settings)
     others = np.ones(len(cases), bool)
@@ -69,21 +78,26 @@ def resolve(
     best = tuple(cases.candidate(int(k)) for k in ordered[: settings.max_candidates])
     if doubt:
         asked = tuple(replace(candidate, answer=candidate.instance) for candidate in best)
-        return Ambiguous(asked, f"{doubt}; is one of these meant?", considered)
+        return with_chances(Ambiguous(asked, f"{doubt}; is one of these meant?", considered), doubt=True)
     if spec.rank > len(ordered):
         return NotFound(f"only {len(ordered)} of them are known, not {spec.rank}", considered)
     if len(ordered) == 1 or _chosen(spec):
         target = cases.candidate(int(ordered[spec.rank - 1]))
         alternates = tuple(c for c in best if c.instance != target.instance) if spec.choice == "any" else ()
-        return Resolved(target, alternates, considered)
+        if chance(target.evidence) >= s.min_chance:
+            return with_chances(Resolved(target, alternates, considered))
+        asked = tuple(replace(candidate, answer=candidate.instance) for candidate in best)
+        return with_chances(Ambiguous(asked, f"it is not sure that this is the {what}; is it meant?", considered))
     question, answers = ask(ordered[: settings.max_candidates], cases, spec, knowledge, means)
     asked = tuple(replace(c, answer=answers[int(k)]) for c, k in zip(best, ordered, strict=False))
-    return Ambiguous(asked, question, considered)
+    return with_chances(Ambiguous(asked, question, considered))
 
 
 def _rivals(sure: Rows, cases: Cases, spec: GoalSpec, settings: ResolveSettings) -> Rows:
     """Of the candidates that count as what was named, those that nothing rules out."""
-    ratio = max(settings.rival_ratio, 0.95) if spec.function else settings.rival_ratio
+    # Where any will do, it is one of the surest; for a purpose the best thing for it.
+    strict = _FOR_A_PURPOSE if spec.function else _ANY_WILL_DO if spec.choice == "any" else 0.0
+    ratio = max(settings.rival_ratio, strict)
     rivals = sure[cases.score[sure] >= ratio * cases.score[sure].max()]
     return _without_fragments(rivals, cases)
 
@@ -123,7 +137,8 @@ def _none_sure(cases: Cases, what: str, settings: ResolveSettings) -> Resolution
     alive = tuple(c for c in considered if not c.rejected)
     if alive:
         kinds = ", ".join(dict.fromkeys(c.label for c in alive))
-        return Ambiguous(alive, f"no {what} is known for sure; is one of these meant: {kinds}?", considered)
+        question = f"no {what} is known for sure; is one of these meant: {kinds}?"
+        return with_chances(Ambiguous(alive, question, considered), doubt=True)
     sure = [c.rejected for k, c in enumerate(considered)]
     likely = np.flatnonzero(cases.label >= settings.min_label)[: settings.max_candidates]
     reasons = dict.fromkeys(cases.why_out(int(k)) for k in likely) or dict.fromkeys(sure)

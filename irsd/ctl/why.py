@@ -95,9 +95,10 @@ def _understood(parsed: dict[str, Any]) -> str:
 
 def _candidate_line(candidate: dict[str, Any]) -> str:
     name = f"{candidate.get('instance') or ''} {candidate['label']}".strip()
-    line = f"  {candidate['score']:.2f}  {name} in {candidate.get('room')}: {', '.join(candidate['notes'])}"
+    line = f"  {candidate.get('evidence', candidate['score']):.2f}  {name} in {candidate.get('room')}: {', '.join(candidate['notes'])}"
     if candidate.get("observations") is not None:
         line += f"; seen {candidate['observations']}x, last {_time(int(candidate['last_seen_ns']))}"
+    line += "" if candidate.get("rejected") else f"; chance {100 * candidate['score']:.0f} %"
     return line + (f"; out: {candidate['rejected']}" if candidate.get("rejected") else "")
 
 
