@@ -50,7 +50,7 @@ def answer_document(answer: Answer, graph: GraphSnapshot, query_id: str | None =
         "status": answer.status,
         "target": None if answer.target is None else _candidate(answer.target),
         "candidates": [_candidate(c) for c in _candidates(answer.resolution)],
-        "approach": _approach(answer),
+        "approach": None if answer.approach is None else certificate(answer.approach),
         "waypoints": [list(point) for point in answer.route.waypoints] if answer.route is not None else [],
         "text": answer_text(answer, graph),
         "why": why_document(answer, graph),
@@ -78,10 +78,8 @@ def answer_text(answer: Answer, graph: GraphSnapshot) -> str:
     return f"{answer.status.replace('_', ' ')}: {answer.reason}" + (f" ({names})" if names else "")
 
 
-def _approach(answer: Answer) -> dict[str, Any] | None:
-    if answer.approach is None:
-        return None
-    pose = answer.approach
+def certificate(pose: ApproachPose) -> dict[str, Any]:
+    """What is promised of the place to stand: pose, the point of the target's surface and the distance to it, clearance, error."""
     return {
         "x": pose.x_m, "y": pose.y_m, "yaw": pose.yaw_rad, "distance_to_target_m": round(pose.distance_m, 3),
         "clearance_m": round(pose.clearance_m, 3), "sees": round(pose.sees, 2),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot
-from nav_bridge.answer import Answer, name_of
+from nav_bridge.answer import Answer, certificate, name_of
 from nav_bridge.approach import ApproachSettings, surface_distance
 from nav_bridge.journal import Entry
 from nav_bridge.monitor import Driving, Monitor, MonitorSettings
@@ -70,6 +70,7 @@ class Drive:
         self.holding_ns: int | None = None
         self.frame = "map"
         self._seq = seq
+        self._certificate: dict[str, Any] | None = None
 
     def adopt(
         self,
@@ -83,6 +84,7 @@ class Drive:
         if answer.target is None or answer.route is None or answer.surface is None:
             return False
         self.answer, self.target = answer, answer.target
+        self._certificate = None if answer.approach is None else certificate(answer.approach)
         self.map_id, self.frame = graph.map_id, graph.frame
         self.name = name_of(answer.target.instance, graph)
         self.length_m, self.clearance_m = answer.route.length_m, answer.route.clearance_m
@@ -169,6 +171,7 @@ class Drive:
             "remaining_m": round(progress.remaining_m, 3),
             "eta_s": None if progress.eta_s is None else round(progress.eta_s, 1),
             "plans": self.plans,
+            "certificate": self._certificate,
             "reason": reason,
             "text": text,
         }

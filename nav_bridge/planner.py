@@ -147,7 +147,8 @@ class Planner:
         found, surface = self._place(target, world, costs, within_m)
         if isinstance(found, Unreachable):
             return replace(blank, reason=found.reason, best_m=found.best_m)
-        route = plan_route(costs, world.robot, (found.x_m, found.y_m, found.yaw_rad), self._settings.route)
+        stand = (found.x_m, found.y_m, found.yaw_rad)
+        route = plan_route(costs, world.robot, stand, self._settings.route, world.graph.doors)
         if route is None:
             return replace(blank, reason="no way leads there", best_m=found.distance_m)
         return replace(blank, status="resolved", approach=found, route=route, surface=surface)

@@ -6,7 +6,9 @@ Cells are (row, col) of a ``GridFrame``; occupancy is int8: -1 unknown, 0 free, 
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,8 +18,10 @@ from numpy.typing import NDArray
 
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
+from irsd.graph.model import DoorEdge
 from nav_bridge.search import search
 
+_DOOR_APART_M = 0.1  # a corner of the way as near to a door as this needs no waypoint beside it
 _LARGE_CELLS = 500_000  # a map with more is searched coarsely first
 _COARSE = 4  # cells in a side of a coarse one
 _BAND = 6  # coarse cells to each side of the coarse way that are searched
@@ -245,10 +249,12 @@ def plan_route(
     start_xy_yaw: tuple[float, float, float],
     goal_xy_yaw: tuple[float, float, float],
     settings: RouteSettings,
+    doors: Sequence[DoorEdge] = (),
 ) -> Route | None:
     """The way from where the robot is to where it shall stand, None when there is none.
 
-    The first waypoint is the robot's own pose, the last is exactly the goal; each waypoint between looks to the next.
+    The first waypoint is the robot's own pose, the last is exactly the goal; each waypoint between looks to the next. There is one
+    in each of the doors that the way goes through.
     """
     start = snap_to_passable(costs, start_xy_yaw[:2], settings.start_reach_m)
     goal = snap_to_passable(costs, goal_xy_yaw[:2], costs.frame.resolution_m)
@@ -265,11 +271,27 @@ def plan_route(
         corners[0] = here
     else:  # the robot stands where it should not (too close, or off the map): first move to the nearest good cell
         corners = np.vstack([here, corners])
-    points = resample(corners, settings.spacing_m)
+    points = resample(_with_doors(corners, doors), settings.spacing_m)
     cells = costs.frame.cells_of(points[1:])
     clearance = float(costs.clear_m[cells[:, 0], cells[:, 1]].min()) if len(cells) else 0.0
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
     return Route(_with_headings(points, goal_xy_yaw[2]), length, clearance)
+
+
+def _with_doors(corners: NDArray[np.float64], doors: Sequence[DoorEdge]) -> NDArray[np.float64]:
+    """The corners [K, 2] of a way and the points of it that are nearest to the doors it goes through, in order along it."""
+    out = [corners[:1]]
+    for a, b in itertools.pairwise(corners):
+        length = float(np.hypot(*(b - a)))
+        ahead = (b - a) / max(length, 1e-9)
+        found = []
+        for door in doors:
+            offset = np.asarray(door.position_xy, np.float64) - a
+            along, aside = float(offset @ ahead), abs(float(offset[0] * ahead[1] - offset[1] * ahead[0]))
+            if _DOOR_APART_M < along < length - _DOOR_APART_M and aside <= max(door.width_m / 2, _DOOR_APART_M):
+                found.append(along)
+        out += [(a + along * ahead)[None] for along in sorted(found)] + [b[None]]
+    return np.concatenate(out)
 
 
 def _same_cell(frame: GridFrame, a: NDArray[np.floating], b: NDArray[np.floating]) -> bool:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from irsd.core.grid import GridFrame
+from irsd.graph.model import DoorEdge
 from nav_bridge import route
 from nav_bridge.route import (
     CostMap,
@@ -180,3 +181,34 @@ def test_a_large_map_is_searched_near_a_coarse_way_and_no_worse(monkeypatch: pyt
         assert path is not None
         assert (tuple(path[0]), tuple(path[-1])) == (start, goal)
         assert path_cost(costs, path) <= 1.02 * path_cost(costs, best)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    grids,
+    st.integers(0, 10**6),
+    st.integers(0, 10**6),
+    st.lists(st.tuples(st.floats(-1, 1.4), st.floats(2, 4.4)), max_size=4),
+)
+def test_doors_on_the_way_are_waypoints_and_change_nothing_else(
+    cells: NDArray[np.int8], a: int, b: int, places: list[tuple[float, float]]
+) -> None:
+    costs = costs_of(cells)
+    free = costs.frame.centres_of(np.argwhere(costs.passable))
+    if len(free) < 2:
+        return
+    start, goal = ((*map(float, free[k % len(free)]), 0.0) for k in (a, b))
+    plain = plan_route(costs, start, goal, SETTINGS)
+    if plain is None or len(plain.waypoints) < 2:
+        return
+    way = np.array(plain.waypoints)[:, :2]
+    middle = (way[:-1] + way[1:]) / 2
+    doors = [DoorEdge(f"D{k}", ("R1", "R2"), xy, 0.8) for k, xy in enumerate([*places, tuple(map(float, middle[0]))])]
+    found = plan_route(costs, start, goal, SETTINGS, doors)
+    assert found is not None
+    assert found.length_m == pytest.approx(plain.length_m, abs=1e-6)
+    points = np.array(found.waypoints)[:, :2]
+    assert points[0] == pytest.approx(way[0])
+    assert points[-1] == pytest.approx(way[-1])
+    if np.hypot(*(way[1] - way[0])) > 0.25:  # the door in the middle of the first piece has its waypoint
+        assert np.hypot(*(points - middle[0]).T).min() < 1e-3
