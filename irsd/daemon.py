@@ -273,6 +273,7 @@ class Daemon:
         """What every detector says now."""
         health = self._config.health
         found = silent_sensors(health, sensors) + self._watch.findings(monotonic_ns()) + blocked(state.obstacles)
+        found += state.sensor_findings
         if self._store is not None:
             directory = self._store.path.parent
             found += short_disk(*disk_state(directory), str(directory), health)

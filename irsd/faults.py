@@ -187,7 +187,7 @@ def silent_sensors(settings: HealthSettings, sensors: Mapping[str, Mapping[str, 
                     found.append(Finding(f"{place}_missing", topic, f"{topic}: nothing received yet"))
             elif age_s > patience_s:
                 found.append(Finding(f"{place}_stale", topic, f"{topic}: silent for {age_s:.1f} s"))
-        if sensor["bad_run"] >= settings.bad_messages:
+        if sensor["bad_run"] >= settings.bad_messages and age_s is not None and age_s <= 2.0 * settings.sensor_stale_s:
             text = f"{topic}: the last {sensor['bad_run']} messages can't be used: {sensor['last_error']}"
             found.append(Finding("sensor_undecodable", topic, text))
     return found

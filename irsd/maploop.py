@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from irsd.core.errors import StoreError, TransportError
+from irsd.core.faults import Finding
 from irsd.core.runtime import Cell, Event, Mailbox, Ring, Stopper, monotonic_ns
 from irsd.core.types import Localisation, SyncedFrame
 from irsd.graph.edits import Record
@@ -16,6 +17,7 @@ from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.health import Heartbeats, StageTimes
 from irsd.ingest import Ingest
 from irsd.pipeline import MapPipeline
+from irsd.sensors.alignment import AlignmentWatch
 from irsd.sensors.sync import Synchronizer
 
 T = TypeVar("T")
@@ -68,6 +70,7 @@ class MapState:
     stamp_ns: int = 0
     rooms_arrived_ns: int | None = None
     obstacles: tuple[str, ...] = ()
+    sensor_findings: tuple[Finding, ...] = ()
     drops: Mapping[str, int] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
 
@@ -106,6 +109,7 @@ class MapLoop:
         self._settled = True
         self.state: Cell[MapState] = Cell(MapState())
         self.snapshot: Cell[GraphSnapshot] = Cell(pipeline.snapshot())
+        self._alignment = AlignmentWatch()
         self.gave_up = False
 
     def call(self, question: Callable[[MapPipeline], T], timeout_s: float = _CALL_TIMEOUT_S) -> T:
@@ -192,6 +196,7 @@ class MapLoop:
                 self.state.get(),
                 blocked_by=self._sync.blocked_by(),
                 obstacles=tuple(self._sync.obstacles()),
+                sensor_findings=self._alignment.findings,
                 drops={**self._ingest.counters(), **_losses(self._sync.counters())},
                 counts=self._pipeline.counters(),
             )
@@ -214,6 +219,7 @@ class MapLoop:
 
     def _step(self, frame: SyncedFrame) -> None:
         self._stepped_ns, self._settled = monotonic_ns(), False
+        self._alignment.look(frame)
         state = self.state.get()
         failed, failures, last_failure, lag_s = state.failed, 0, "", state.lag_s
         rooms_arrived_ns = state.rooms_arrived_ns

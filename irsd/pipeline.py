@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from irsd.allround import AllRound
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
+from irsd.core.times import is_due
 from irsd.core.types import CameraView, Localisation, MapUpdate, Prototype, Rooms, SyncedFrame
 from irsd.graph.builder import GraphBuilder
 from irsd.graph.edits import Record, Request
@@ -127,9 +128,10 @@ class MapPipeline:
 
         # 5. The graph, when its period is over.
         delta = None
-        if frame.stamp_ns >= self._graph_due_ns:
+        period_ns = round(self._settings.pace.graph_period_s * NS_PER_S)
+        if is_due(frame.stamp_ns, self._graph_due_ns, period_ns):
             delta = self._commit(frame.stamp_ns, ms)
-            self._graph_due_ns = frame.stamp_ns + round(self._settings.pace.graph_period_s * NS_PER_S)
+            self._graph_due_ns = frame.stamp_ns + period_ns
         return StepResult(update, delta, self._graph.snapshot(), ms, followed, where)
 
     def finish(self, stamp_ns: int) -> StepResult:

@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import socket
 
+_PATIENCE_S = 0.2
+
 
 def notify(state: str) -> bool:
-    """A line of sd_notify(3), such as ``READY=1``; False when no one asked for it ($NOTIFY_SOCKET is not set)."""
+    """A line of sd_notify(3), such as ``READY=1``; False when no one asked for it (no $NOTIFY_SOCKET) or takes it in."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return False
     if address.startswith("@"):  # an abstract socket
         address = "\0" + address[1:]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as channel:
-        channel.sendto(state.encode(), address)
+        channel.settimeout(_PATIENCE_S)  # who listens may be busy; a robot must not wait for it
+        try:
+            channel.sendto(state.encode(), address)
+        except TimeoutError:
+            return False
     return True
 
 

@@ -56,6 +56,25 @@ def doctor(target: Target, config: Path | None, listen_s: float, as_json: bool) 
 
 
 @cli.command()
+@click.option("--count", type=click.IntRange(1), help="Stop after showing it this many times.")
+@click.pass_obj
+def top(target: Target, count: int | None) -> int:
+    """Stages, queues, drops and faults as a table, once a second."""
+    from irsd.ctl import top as live_table
+
+    return live_table.top(target, count)
+
+
+@cli.command()
+@click.pass_obj
+def metrics(target: Target) -> int:
+    """Print the status in Prometheus' text format."""
+    from irsd.ctl import top as live_table
+
+    return live_table.metrics(target)
+
+
+@cli.command()
 @json_option
 @click.pass_obj
 def tree(target: Target, as_json: bool) -> int:

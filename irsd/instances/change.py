@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from irsd.core.geometry import Pose
 from irsd.core.jit import kernel
 from irsd.core.settings import setting
+from irsd.core.times import is_due
 from irsd.instances.voxels import Floats
 
 _BIN_RAD = np.deg2rad(1.0)
@@ -191,10 +192,11 @@ class _Looked:
         """A picture has a mask on it."""
         self.hits += 1
         self.seen_ns = stamp_ns
-        if stamp_ns >= self.reach_ns:
+        period_ns = round(s.look_period_s * 1e9)
+        if is_due(stamp_ns, self.reach_ns, period_ns):
             sector, distance = self.sector(map_T_camera[:3, 3])
             self.reach_m[sector] = max(float(self.reach_m[sector]), distance)
-            self.reach_ns = stamp_ns + round(s.look_period_s * 1e9)
+            self.reach_ns = stamp_ns + period_ns
         if self.looks:
             self.misses += self.missed
             self.looks = self.missed = self.look_missed = 0
@@ -206,8 +208,9 @@ class _Looked:
         reach = max(float(self.reach_m[k % _SECTORS]) for k in (sector - 1, sector, sector + 1))
         if distance > _NEARER * reach:
             return
+        period_ns = round(s.look_period_s * 1e9)
         if self.look_pose is None or (
-            stamp_ns >= self.look_ns + round(s.look_period_s * 1e9) and _apart(self.look_pose, map_T_camera, s)
+            is_due(stamp_ns, self.look_ns + period_ns, period_ns) and _apart(self.look_pose, map_T_camera, s)
         ):
             self.look_pose, self.look_ns, self.look_missed = map_T_camera, stamp_ns, 0
             self.looks += 1
@@ -275,9 +278,11 @@ class ChangeWatch:
     def look(self, origin_map: NDArray[np.float64], points_map: Floats, stamp_ns: int) -> Verdict:
         """Who was found gone by now. points_map: float32 [N, 3], one scan from origin_map."""
         s = self.settings
-        if not s.enabled or not self._places or not len(points_map) or stamp_ns < self._due_ns:
+        period_ns = round(s.look_period_s * 1e9)
+        due = is_due(stamp_ns, self._due_ns, period_ns)
+        if not s.enabled or not self._places or not len(points_map) or not due:
             return Verdict()
-        self._due_ns = stamp_ns + round(s.look_period_s * 1e9)
+        self._due_ns = stamp_ns + period_ns
         ids = np.array(sorted(self._places))
         centres = np.stack([self._places[i].centre for i in ids.tolist()])
         close = ids[np.linalg.norm(centres - origin_map, axis=1) < s.range_m].tolist()

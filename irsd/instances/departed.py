@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irsd.core.times import is_due
 from irsd.core.types import InstanceState
 from irsd.instances.change import ChangeSettings
 from irsd.instances.voxels import Floats
@@ -108,7 +109,7 @@ class KnownPlaces:
 
     def look(self, points_map: Floats, stamp_ns: int) -> None:
         """The camera saw points float32 [n, 3]."""
-        if stamp_ns < self._due_ns or not len(points_map):
+        if not is_due(stamp_ns, self._due_ns, self.period_ns) or not len(points_map):
             return
         self._due_ns = stamp_ns + self.period_ns
         for place in _places(points_map[::4]):

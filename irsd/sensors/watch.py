@@ -34,7 +34,7 @@ class WatchSettings:
     """When a sensor is not to be believed."""
 
     frozen_s: float = setting(
-        1.5, "a LiDAR, camera or odometry that repeats one message for longer is frozen", lo=0.2, hi=60.0
+        1.2, "a LiDAR, camera or odometry that repeats one message for longer is frozen", lo=0.2, hi=60.0
     )
     clock_jump_s: float = setting(
         1.0, "stamps that step by this much more than the time that passed have jumped", lo=0.1

@@ -69,6 +69,7 @@ def test_every_fault_says_what_it_costs_and_what_to_do() -> None:
         (sensor(kind="detections_info", age_s=1.6, period_s=2.0), []),  # a slow detector has its own patience
         (sensor(kind="camera_info", bad=3, bad_run=3), []),
         (sensor(kind="camera_info", bad=9, bad_run=5, last_error="K is zero"), ["sensor_undecodable"]),
+        (sensor(kind="camera_info", bad=9, bad_run=9, age_s=60.0), []),  # nobody sends it any more
         (sensor(bad=900, bad_run=0), []),  # it was bad and is good again
     ],
 )

@@ -96,6 +96,16 @@ def test_notify_reaches_the_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert server.recv(64) == b"READY=1"
 
 
+def test_nobody_who_listens_holds_us_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as server:
+        server.bind(str(tmp_path / "n"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "n"))
+        told = 0
+        while notify("STATUS=x"):  # until its queue is full
+            told += 1
+        assert 0 < told < 100_000
+
+
 @pytest.mark.parametrize(
     ("microseconds", "pid", "period_s"),
     [(None, None, None), ("0", None, None), ("x", None, None), ("20000000", None, 10.0), ("20000000", "1", None)],
