@@ -56,7 +56,8 @@ def _near_picture(points: NDArray[np.float32], camera: CameraModel) -> NDArray[n
     before = points[points[:, 2] > 0.3]
     margin = 1.5 * np.tan(np.radians(_STEPS_DEG[-1])) * camera.matrix[[0, 1], [0, 1]] + 0.05 * camera.width_px
     uv = before[:, :2] / before[:, 2:] * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
-    return before[((uv > -margin) & (uv < margin + np.array([camera.width_px, camera.height_px]))).all(1)]
+    inside = ((uv > -margin) & (uv < margin + np.array([camera.width_px, camera.height_px]))).all(1)
+    return np.asarray(before[inside], np.float32)
 
 
 def _seen(points: NDArray[np.float32], camera: CameraModel) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
