@@ -6,17 +6,20 @@ access-control examples for telling operators from viewers.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from irsd.bundles import Bundles
 from irsd.core.errors import EditError
 from irsd.graph.codec import edit_to_json
 from irsd.graph.edits import Request
 from irsd.graph.model import Edit
 from irsd.io.keys import RobotKeys
-from irsd.io.session import Handle, Query, Session
+from irsd.io.session import BINARY, Handle, Query, Session
 from irsd.maploop import MapLoop
+from irsd.maps import Maps
 
 _MAX_BYTES = 65_536
 
@@ -47,18 +50,82 @@ class EditCommands:
             raise EditError("others: must be a list of ids")
         request = Request(text(asked, "kind"), text(asked, "target", ""), text(asked, "name", ""), tuple(others))
         nothing_more(asked)
-        return self._loop.change(lambda pipeline: _told(*pipeline.edit(request)))
+        what = {"do": "edit", **dataclasses.asdict(request)}
+        return self._loop.change(lambda pipeline: _told(*pipeline.edit(request)), what)
 
     def _undo(self, asked: dict[str, Any]) -> dict[str, Any]:
         """{} -> {"edit", "seq"}: the edit that was taken back."""
         nothing_more(asked)
-        return self._loop.change(lambda pipeline: _told(*pipeline.undo()))
+        return self._loop.change(lambda pipeline: _told(*pipeline.undo()), {"do": "undo"})
 
     def _list(self, asked: dict[str, Any]) -> dict[str, Any]:
         """{} -> {"edits"}: the journal, oldest first."""
         nothing_more(asked)
         edits, graph = self._loop.call(lambda pipeline: (pipeline.edits(), pipeline.snapshot()))
         return {"edits": [_document(edit, graph.seq, graph.frame) for edit in edits]}
+
+
+class MapCommands:
+    """``cmd/snapshot``, ``cmd/map``, ``cmd/export`` and ``cmd/import``: which map irsd is in."""
+
+    def __init__(self, session: Session, keys: RobotKeys, maps: Maps, loop: MapLoop) -> None:
+        self._maps, self._loop, self._keys = maps, loop, keys
+        self._handles = [
+            declared(session, keys.command("snapshot"), self._snapshot),
+            declared(session, keys.command("map"), self._map),
+            session.queryable(keys.command("export"), self._export),
+            session.queryable(keys.command("import"), self._import),
+        ]
+
+    def close(self) -> None:
+        """Answers no more."""
+        for handle in self._handles:
+            handle.close()
+
+    def _snapshot(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """{"do": "save" | "list" | "restore" | "delete", "name"?} -> {"snapshots"} and, of a restore, {"seq"}."""
+        what, name = text(asked, "do"), text(asked, "name", "")
+        nothing_more(asked)
+        out: dict[str, Any] = {}
+        if what == "save":
+            self._maps.save(name)
+        elif what == "restore":
+            out["seq"] = self._maps.restore(name)
+        elif what == "delete":
+            self._maps.delete(name)
+        elif what != "list":
+            raise EditError(f"{what[:20]!r}: save, list, restore or delete")
+        return {**out, "snapshots": [dataclasses.asdict(info) for info in self._maps.list()]}
+
+    def _map(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """{"do": "accept" | "new"} -> {"seq"}: what to do with a stored map that the scans do not fit."""
+        what = text(asked, "do")
+        nothing_more(asked)
+        if what == "new":
+            return {"seq": self._maps.start_new()}
+        if what != "accept":
+            raise EditError(f"{what[:20]!r}: accept or new")
+        self._loop.accept_map()
+        return {"seq": self._loop.snapshot.get().seq}
+
+    def _export(self, query: Query) -> None:
+        query.reply(self._keys.command("export"), self._maps.export(), encoding=BINARY)
+
+    def _import(self, query: Query) -> None:
+        seq = self._maps.take_in(query.payload)
+        query.reply(self._keys.command("import"), json.dumps({"seq": seq}).encode())
+
+
+class BundleCommand:
+    """``cmd/bundle``: what a developer needs to see what this irsd saw."""
+
+    def __init__(self, session: Session, keys: RobotKeys, bundles: Bundles) -> None:
+        key = keys.command("bundle")
+        self._handle = session.queryable(key, lambda query: query.reply(key, bundles.make(), encoding=BINARY))
+
+    def close(self) -> None:
+        """Answers no more."""
+        self._handle.close()
 
 
 def _told(edit: Edit, delta: Any) -> tuple[dict[str, Any], Any]:

@@ -32,6 +32,7 @@ from irsd.mapping.mapper import MappingSettings
 from irsd.perception.assemble import ModelSettings, check_models
 from irsd.perception.budget import BudgetSettings
 from irsd.perception.settings import PerceptionSettings, check_perception
+from irsd.record import RecordSettings
 from irsd.rooms.stage import RoomSettings
 from irsd.sensors.sync import SyncSettings
 from irsd.sensors.watch import WatchSettings
@@ -70,6 +71,12 @@ class StoreSettings:
     directory: str = setting(
         "", "state directory; empty: $STATE_DIRECTORY (systemd), else $XDG_STATE_HOME/irsd or ~/.local/state/irsd"
     )
+    on_start: str = setting(
+        "same_frame",
+        "same_frame: go on with the stored map, once the first scans fit it (odometry goes on where it was); "
+        "new: begin an empty map, and keep the stored one as snapshot 'previous'",
+        choices=("same_frame", "new"),
+    )
 
 
 @dataclass(frozen=True)
@@ -85,6 +92,7 @@ class IrsdConfig:
     models: ModelSettings = field(default_factory=ModelSettings)
     budget: BudgetSettings = field(default_factory=BudgetSettings)
     store: StoreSettings = field(default_factory=StoreSettings)
+    record: RecordSettings = field(default_factory=RecordSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
 

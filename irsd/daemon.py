@@ -7,28 +7,27 @@ Exit codes: 0 asked to stop, 2 bad configuration or arguments, 1 anything else.
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import json
 import logging
 import signal
 import uuid
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
-from irsd.commands import EditCommands
-from irsd.config import IrsdConfig, find_config, load_config, state_directory, with_pictures
-from irsd.core.errors import ConfigError, IrsdError, StoreError, TransportError
+from irsd import record
+from irsd.arguments import configured, read_arguments
+from irsd.bundles import Bundles
+from irsd.commands import BundleCommand, EditCommands, MapCommands
+from irsd.config import IrsdConfig, with_pictures
+from irsd.core.errors import ConfigError, IrsdError, TransportError
 from irsd.core.faults import Finding
 from irsd.core.logs import set_up_logging
-from irsd.core.runtime import Cell, Counters, Event, Ring, Stopper, Worker, monotonic_ns, monotonic_s, wall_clock_ns
+from irsd.core.runtime import Counters, Event, Ring, Stopper, Worker, monotonic_ns, monotonic_s, wall_clock_ns
 from irsd.core.systemd import notify, watchdog_period_s
-from irsd.core.types import Localisation
+from irsd.core.types import Localisation, Prototype
 from irsd.faults import FaultLedger, blocked, own_state, short_disk, silent_sensors
-from irsd.graph.store import Store
+from irsd.graph.store import Store, StoredMap
 from irsd.health import (
     Heartbeats,
     ProcessMeter,
@@ -39,18 +38,22 @@ from irsd.health import (
     status_line,
 )
 from irsd.ingest import Ingest
-from irsd.io.keys import RobotKeys, check_robot_name
+from irsd.io.keys import RobotKeys
 from irsd.io.localisation import LocalisationPublisher, TfPublisher
 from irsd.io.publishers import GraphPublisher
 from irsd.io.session import Session, open_session, with_environment
+from irsd.keeper import GeometryKeeper, Keeper
 from irsd.maploop import MapLoop, MapState, Publication
+from irsd.maps import Make, Maps
 from irsd.opening import open_live_eyes, open_names, without_lost_network
 from irsd.perception import worker as perception
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.worker import LiveEyes
 from irsd.pipeline import MapPipeline
+from irsd.resume import Resumption
 from irsd.sensors.sync import Synchronizer
 from irsd.sensors.watch import SensorWatch
+from irsd.stored import open_store, recorder_of, stored_map
 
 _log = logging.getLogger(__name__)
 
@@ -58,7 +61,6 @@ EXIT_STOPPED, EXIT_FAILED, EXIT_CONFIG = 0, 1, 2
 
 _PUBLISH = "publish"
 _OUTBOX = 256
-_UNSTORED = 1024  # beyond that the disk keeps the last state that was whole, until the next start
 _JOIN_S = 20.0
 
 
@@ -73,8 +75,14 @@ class Daemon:
         store: Store | None,
         eyes: LiveEyes | None = None,
         missing: Sequence[str] = (),
+        *,
+        stored: StoredMap | None = None,
+        make: Make | None = None,
     ) -> None:
-        """eyes: those of the pipeline, whose threads are run here. missing: models that could not be opened, and why."""
+        """eyes: those of the pipeline, whose threads are run here. missing: models that could not be opened, and why.
+
+        stored: the map that the pipeline has taken up. make: makes pipelines for other maps; without it, there are none.
+        """
         self._missing = missing
         self._config, self._session, self._store, self._eyes = config, session, store, eyes
         self.stopper = Stopper()
@@ -82,14 +90,15 @@ class Daemon:
         self._times = StageTimes()
         self._counts = Counters()
         self._meter = ProcessMeter()
-        self._store_error = Cell("")
-        self._unstored: deque[Publication] = deque(maxlen=_UNSTORED)
         self._map_done = Event()
         self._outbox: Ring[Publication] = Ring(_OUTBOX)
         wake = Event()
         self._watch = SensorWatch(config.watch)
         self._ledger, self._wall_clock = FaultLedger(), WallClock(shown_s=config.watch.shown_s)
-        self._ingest = Ingest(session, config.ingest, wake, self._watch)
+        self._recorder = recorder_of(config, store)
+        taken, noted = (self._recorder.take, self._recorder.event) if self._recorder is not None else (None, None)
+        self._ingest = Ingest(session, config.ingest, wake, self._watch, taken)
+        self._resumption = Resumption(config.pipeline.mapping, {} if stored is None else stored.geometry)
         self._loop = MapLoop(
             self._ingest,
             Synchronizer(config.sync),
@@ -102,7 +111,10 @@ class Daemon:
             max_failures=config.health.max_failures,
             on_lag=None if eyes is None else eyes.note_lag,
             on_place=self._tell_place,
+            resumption=self._resumption,
+            note=noted,
         )
+        self._keeper = Keeper(store, self._counts, lambda: self._loop.call(lambda p: p.whole()))
         self._publisher = GraphPublisher(
             session,
             RobotKeys(config.robot),
@@ -113,18 +125,38 @@ class Daemon:
         self._places = LocalisationPublisher(
             session, RobotKeys(config.robot), pipeline.snapshot().frame, tf=_tf_publisher(config, session)
         )
-        self._edits = EditCommands(session, RobotKeys(config.robot), self._loop)
-        self._workers = [
+        self._commands = self._make_commands(make)
+        self._geometry = GeometryKeeper(self._loop, self._keeper, self._resumption)
+        self._workers = self._make_workers(wake)
+        self._started_s = monotonic_s()
+        self._status_seq = 0
+
+    def _make_workers(self, wake: Event) -> list[Worker]:
+        workers = [
             Worker("map", self._loop.run, self._thread_died),
             Worker(_PUBLISH, self._publish_loop, self._thread_died),
         ]
+        eyes = self._eyes
         if eyes is not None:
-            self._workers += [
+            workers += [
                 Worker(perception.NAME, lambda: eyes.run(self.stopper, self._beats.beat, wake), self._thread_died),
                 Worker(perception.WATCH, lambda: eyes.watch(self.stopper), self._thread_died),
             ]
-        self._started_s = monotonic_s()
-        self._status_seq = 0
+        recorder = self._recorder
+        if recorder is not None:
+            workers.append(Worker(record.NAME, lambda: recorder.run(self.stopper, self._beats.beat), self._thread_died))
+        return workers
+
+    def _make_commands(self, make: Make | None) -> list[EditCommands | MapCommands | BundleCommand]:
+        keys = RobotKeys(self._config.robot)
+        commands: list[EditCommands | MapCommands | BundleCommand] = [EditCommands(self._session, keys, self._loop)]
+        if self._recorder is not None:
+            bundles = Bundles(self._config, self._loop, self._recorder, self._publisher.status)
+            commands.append(BundleCommand(self._session, keys, bundles))
+        if self._store is not None and make is not None:
+            maps = Maps(self._store.path.parent, self._loop, self._keeper, make)
+            commands.append(MapCommands(self._session, keys, maps, self._loop))
+        return commands
 
     def start(self) -> None:
         """Starts the threads, publishes a first status, and shows the alive token."""
@@ -152,7 +184,8 @@ class Daemon:
         """Ends the threads in order, so that the last step reaches disk and network. False when one would not end."""
         self.stopper.request("stopped")
         self._ingest.close()
-        self._edits.close()
+        for commands in self._commands:
+            commands.close()
         map_thread, publish_thread, *seeing = self._workers
         done = all([worker.join(_JOIN_S) for worker in seeing])
         done = map_thread.join(_JOIN_S) and done
@@ -178,17 +211,15 @@ class Daemon:
                 self._publish(publication)
             elif self._map_done.is_set():
                 break
-            elif self._store is not None and self._unstored:
-                self._keep_rest(self._store)
+            else:
+                self._keeper.catch_up()
+            self._geometry.tend(monotonic_s())
         self._beats.end(_PUBLISH)
 
     def _publish(self, publication: Publication) -> None:
         """Disk before network: nobody must have seen a revision that a crash can take back."""
         began_s = monotonic_s()
-        if self._store is not None:
-            self._keep(self._store, publication)
-        if publication.stored is not None:
-            publication.stored.put(self._store_error.get())
+        self._keeper.keep(publication)
         stored_s = monotonic_s()
         try:
             self._publisher.publish(publication.delta, publication.snapshot)
@@ -196,24 +227,6 @@ class Daemon:
             self._counts.add("publish_errors")
             _log.error("revision %d could not be published: %s", publication.delta.seq, error)
         self._times.add({"store": (stored_s - began_s) * 1e3, "publish": (monotonic_s() - stored_s) * 1e3})
-
-    def _keep(self, store: Store, publication: Publication) -> None:
-        """Onto disk, in order: what could not be written (disk full) is tried again with the next step."""
-        self._unstored.append(publication)
-        self._keep_rest(store)
-
-    def _keep_rest(self, store: Store) -> None:
-        try:
-            while self._unstored:
-                first = self._unstored[0]
-                store.append(first.delta, first.arrays, first.record, building_name=first.snapshot.building.name)
-                self._unstored.popleft()
-            self._store_error.set("")
-        except StoreError as error:
-            self._counts.add("store_errors")
-            if self._store_error.get() != str(error):
-                _log.error("revision %d is not on disk: %s", self._unstored[0].delta.seq, error)
-            self._store_error.set(str(error))
 
     def _tell_place(self, where: Localisation) -> None:
         """On the map thread: a pose that waits behind the disk is worth nothing."""
@@ -251,11 +264,12 @@ class Daemon:
             perception=seeing,
             faults=[fault.document() for fault in faults],
             faults_ended=self._ledger.ended(),
-            queues={**self._ingest.waiting(), _PUBLISH: len(self._outbox), "unstored": len(self._unstored)},
+            queues={**self._ingest.waiting(), _PUBLISH: len(self._outbox), "unstored": self._keeper.waiting},
             process=self._meter.read(),
             counts={
                 "frames": state.frames,
                 "frames_failed": state.failed,
+                "frames_held": self._resumption.held,
                 **{f"map.{name}": count for name, count in state.counts.items()},
                 **self._counts.snapshot(),
                 **{f"zenoh.{name}": count for name, count in self._session.counters().items()},
@@ -282,7 +296,8 @@ class Daemon:
             late_threads=self._beats.late(now_s),
             failures=state.failures,
             last_failure=state.last_failure,
-            store_error=self._store_error.get(),
+            store_error=self._keeper.error,
+            map_mismatch=self._resumption.problem,
             lag_s=state.lag_s,
             perception=seeing,
             missing_models=self._missing,
@@ -290,32 +305,47 @@ class Daemon:
         )
 
 
-def run(config: IrsdConfig, endpoint: str | None) -> int:
-    """Runs irsd until SIGTERM or SIGINT; the exit code. Raises IrsdError when it can't start."""
-    labels = LabelEncoder.load()  # before subscribing: opening a model holds the interpreter up
-    store = _open_store(config)
-    stored = store.load() if store is not None else None
-    map_id = stored.snapshot.map_id if stored is not None else uuid.uuid4().hex[:12]
+def prepared(config: IrsdConfig, store: Store | None, labels: LabelEncoder) -> Callable[[Session], Daemon]:
+    """Everything that takes long, done: models, kernels, the stored map. What is left is to give it a session."""
+    stored = stored_map(store, config.store.on_start)
     missing: list[str] = []
     eyes = open_live_eyes(config, missing)
     if eyes is not None:
         config = with_pictures(config)
     config = without_lost_network(config, missing)
     namer = open_names(config, labels, missing)
-    pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes, namer=namer)
+
+    def make(stored: StoredMap | None, map_id: str, taught: Mapping[int, Prototype]) -> MapPipeline:
+        pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes, namer=namer)
+        if stored is None:
+            pipeline.learn(taught)
+        else:
+            pipeline.restore(stored)
+        return pipeline
+
+    map_id = stored.snapshot.map_id if stored is not None else uuid.uuid4().hex[:12]
+    pipeline = make(stored, map_id, store.prototypes() if store is not None else {})
     if stored is not None:
-        pipeline.restore(stored)
         graph = pipeline.snapshot()
         _log.info("map %s taken up: %d rooms, %d things", map_id, len(graph.rooms), len(graph.instances))
+    return lambda session: Daemon(config, session, pipeline, store, eyes, missing, stored=stored, make=make)
+
+
+def run(config: IrsdConfig, endpoint: str | None) -> int:
+    """Runs irsd until SIGTERM or SIGINT; the exit code. Raises IrsdError when it can't start."""
+    store = open_store(config)
     settings = with_environment(config.zenoh, endpoint)
     try:
+        begin = prepared(
+            config, store, LabelEncoder.load()
+        )  # before subscribing: opening a model holds the interpreter up
         with open_session(settings, "hub") as session:
-            daemon = Daemon(config, session, pipeline, store, eyes, missing)
+            daemon = begin(session)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda n, _: daemon.stopper.request(signal.Signals(n).name))
             daemon.start()
             notify("READY=1")
-            _log.info("robot %s on %s, map %s", config.robot, settings.endpoint, map_id)
+            _log.info("robot %s on %s", config.robot, settings.endpoint)
             daemon.main_loop()
             notify("STOPPING=1")
             (_log.error if daemon.failed else _log.info)("stopping: %s", daemon.stopper.reason)
@@ -330,45 +360,6 @@ def _tf_publisher(config: IrsdConfig, session: Session) -> TfPublisher | None:
     if not config.pipeline.localise.publish_tf:
         return None
     return TfPublisher(session, namespace=config.ingest.namespace, domain=config.ingest.domain)
-
-
-def _open_store(config: IrsdConfig) -> Store | None:
-    if not config.store.enabled:
-        return None
-    return Store(state_directory(config.store) / config.robot)
-
-
-def read_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """The command line; exits with code 2 for a wrong one."""
-    parser = argparse.ArgumentParser(
-        prog="irsd", description="Builds a live scene graph of a building from a robot's sensors."
-    )
-    parser.add_argument(
-        "--config", type=Path, help="YAML file (default: $IRSD_CONFIG, /etc/irsd/irsd.yaml, built-in values)"
-    )
-    parser.add_argument("--robot", help="name of the robot")
-    parser.add_argument(
-        "--endpoint", help="zenoh endpoint to listen on, such as tcp/127.0.0.1:7448 (also $IRSD_ENDPOINT)"
-    )
-    keep = parser.add_mutually_exclusive_group()
-    keep.add_argument("--state", type=Path, help="directory that keeps the map between runs")
-    keep.add_argument("--no-store", action="store_true", help="keep nothing on disk")
-    parser.add_argument("--log-level", default="info", choices=("debug", "info", "warning", "error"))
-    parser.add_argument("--version", action="version", version=f"irsd {metadata.version('irsd')}")
-    return parser.parse_args(arguments)
-
-
-def configured(arguments: argparse.Namespace) -> IrsdConfig:
-    """The configuration with the command line's word over it. Raises ConfigError."""
-    config = load_config(find_config(arguments.config))
-    if arguments.robot:
-        config = dataclasses.replace(config, robot=check_robot_name(arguments.robot))
-    if arguments.no_store:
-        config = dataclasses.replace(config, store=dataclasses.replace(config.store, enabled=False))
-    elif arguments.state is not None:
-        store = dataclasses.replace(config.store, enabled=True, directory=str(arguments.state))
-        config = dataclasses.replace(config, store=store)
-    return config
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

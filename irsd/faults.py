@@ -102,6 +102,10 @@ ADVICE: Mapping[str, Advice] = MappingProxyType(
             "the graph is live but not on disk: a restart would lose the latest steps",
             "free space, or make the state directory writable; what waits is then written",
         ),
+        "map_mismatch": Advice(
+            "the stored map is shown but not added to: what is seen now is of another place, or in another frame",
+            "irsctl map new, or irsctl map accept if odometry is where it was; it goes on by itself once scans fit",
+        ),
         "disk_low": Advice("none yet; soon the map can't be kept", "free space on the disk of the state directory"),
         "memory_high": Advice(
             "none yet; at MemoryMax irsd is ended and starts again", "raise MemoryMax=, or map a smaller area"
@@ -227,6 +231,7 @@ def own_state(
     failures: int = 0,
     last_failure: str = "",
     store_error: str = "",
+    map_mismatch: str = "",
     lag_s: float | None = None,
     perception: Mapping[str, Any] | None = None,
     missing_models: Sequence[str] = (),
@@ -247,6 +252,8 @@ def own_state(
     found += [Finding("model_missing", text.partition(":")[0], text) for text in missing_models]
     if store_error:
         found.append(Finding("store", "write", store_error))
+    if map_mismatch:
+        found.append(Finding("map_mismatch", "map", map_mismatch))
     if clock_step_s:
         found.append(Finding("system_clock_jump", "clock", f"the system clock was set by {clock_step_s:+.1f} s"))
     return found

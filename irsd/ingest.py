@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,9 +162,16 @@ class _Input(Ring[Sample]):
 class Ingest:
     """The subscriptions of a running irsd. ``poll`` and ``arrived_ns`` belong to one thread; ``sensors`` may be asked by any."""
 
-    def __init__(self, session: Session, settings: IngestSettings, wake: Event, watch: SensorWatch) -> None:
-        """watch: is shown every message that could be decoded."""
-        self._watch = watch
+    def __init__(
+        self,
+        session: Session,
+        settings: IngestSettings,
+        wake: Event,
+        watch: SensorWatch,
+        record: Callable[[Topic, bytes], None] | None = None,
+    ) -> None:
+        """watch: is shown every message that could be decoded. record: every message, before that is tried."""
+        self._watch, self._record = watch, record
         self._watched_ns = 0
         self._decoder = SensorDecoder(settings)
         self._inputs = tuple(_Input(topic, wake) for topic in self._decoder.topics)
@@ -182,6 +189,8 @@ class Ingest:
             for sample in entry.drain():
                 if sample.deleted:
                     continue
+                if self._record is not None:
+                    self._record(entry.topic, sample.payload)
                 values = self._decoder.decode(entry.topic.name, sample.payload)
                 if values:
                     self._watch.hear(entry.topic.name, entry.topic.kind, sample.payload, sample.received_ns, values)

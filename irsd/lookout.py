@@ -9,7 +9,7 @@ from irsd.instances.lift import LiftSettings, points_in_sight
 from irsd.instances.memory import InstanceMemory
 from irsd.instances.room_prior import room_of
 from irsd.mapping.mapper import Mapper
-from irsd.perception.job import PerceptionJob, Sight
+from irsd.perception.job import PerceptionJob, PerceptionResult, Sight
 from irsd.perception.select import KeyframeSelector
 from irsd.perception.worker import Eyes
 
@@ -46,6 +46,7 @@ class Lookout:
         self._selector = KeyframeSelector()
         self._seq = 0
         self._passed = 0
+        self._began_ns: int | None = None
 
     def show(self, view: CameraView, mapper: Mapper, memory: InstanceMemory, rooms: Rooms | None) -> None:
         """A picture; it is offered to the eyes when they can pay for one and it is worth it."""
@@ -63,7 +64,13 @@ class Lookout:
         part = np.isin(structure[index], (Structure.WALL, Structure.FLOOR, Structure.CEILING))
         sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index], part)
         self._seq += 1
+        self._began_ns = view.stamp_ns if self._began_ns is None else self._began_ns
         self.eyes.offer(PerceptionJob(self._seq, view, points, structure, sight, known, mapper.levels.floor_z_m))
+
+    def answers(self) -> list[PerceptionResult]:
+        """What the eyes have seen since the last call; what they were asked before this one looked is of another map."""
+        began_ns = self._began_ns
+        return [r for r in self.eyes.results() if began_ns is not None and r.job.view.stamp_ns >= began_ns]
 
     def counters(self) -> dict[str, int]:
         """Keyframes that were offered, and pictures that were compared and found to be worth less."""

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from irsd.core.errors import StoreError, TransportError
 from irsd.core.faults import Finding
@@ -17,6 +17,7 @@ from irsd.graph.model import GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.health import Heartbeats, StageTimes
 from irsd.ingest import Ingest
 from irsd.pipeline import MapPipeline
+from irsd.resume import Resumption
 from irsd.sensors.alignment import AlignmentWatch
 from irsd.sensors.sync import Synchronizer
 
@@ -98,11 +99,19 @@ class MapLoop:
         max_failures: int,
         on_lag: Callable[[float], None] | None = None,
         on_place: Callable[[Localisation], None] | None = None,
+        resumption: Resumption | None = None,
+        note: Callable[..., None] | None = None,
     ) -> None:
-        """on_lag: told of every step's lag in seconds. on_place: told where every sweep has put the robot, before all else."""
+        """on_lag: told of every step's lag in seconds. on_place: told where every sweep has put the robot, before all else.
+
+        resumption: keeps frames from a stored map that they may not be of. note: is told, with what to do and how, whatever else
+        than messages decides what the graph becomes; see ``irsd.record``.
+        """
         self._ingest, self._sync, self._pipeline, self._outbox = ingest, sync, pipeline, outbox
         self._wake, self._stopper, self._beats, self._times = wake, stopper, beats, times
         self._max_failures, self._on_lag, self._on_place = max_failures, on_lag, on_place
+        self._resumption = resumption
+        self._note = note or _noted
         self._calls: Ring[Callable[[], None]] = Ring(_CALLS, wake)
         self._ended = Event()
         self._stepped_ns = 0
@@ -132,8 +141,13 @@ class MapLoop:
             raise answer.error
         return answer.value  # type: ignore[return-value]
 
-    def change(self, work: Callable[[MapPipeline], tuple[T, GraphDelta]], timeout_s: float = _CALL_TIMEOUT_S) -> T:
-        """What ``work`` does to the graph between two steps, once it is on disk.
+    def change(
+        self,
+        work: Callable[[MapPipeline], tuple[T, GraphDelta]],
+        what: Mapping[str, Any],
+        timeout_s: float = _CALL_TIMEOUT_S,
+    ) -> T:
+        """What ``work`` does to the graph between two steps, once it is on disk. what: the same for a recording.
 
         Raises StoreError when it is in effect but not on disk (yet); what ``work`` raises; TransportError as ``call``.
         """
@@ -141,20 +155,34 @@ class MapLoop:
 
         def apply(pipeline: MapPipeline) -> T:
             result, delta = work(pipeline)
+            self._note(**what)
             self._hand_out(delta, pipeline.snapshot(), stored)
             return result
 
         result = self.call(apply, timeout_s)
         return _once_stored(stored, result, timeout_s)
 
-    def replace(self, pipeline: MapPipeline, why: str, source: Replacement, timeout_s: float = _CALL_TIMEOUT_S) -> int:
-        """Another map from now on; its revision, once it is on disk. Errors as ``change``. why: goes into the lineage."""
+    def replace(
+        self,
+        pipeline: MapPipeline,
+        why: str,
+        source: Replacement,
+        geometry: Mapping[str, bytes],
+        timeout_s: float = _CALL_TIMEOUT_S,
+    ) -> int:
+        """Another map from now on; its revision, once it is on disk. Errors as ``change``.
+
+        why: goes into the lineage. geometry: of the other map, which the next scans must fit.
+        """
         stored: Mailbox[str] = Mailbox()
 
         def apply(before: MapPipeline) -> int:
             # A gap in the revisions: whoever follows the graph takes the snapshot again.
             pipeline.go_on_from(max(before.snapshot().seq, pipeline.snapshot().seq) + 2)
             self._pipeline = pipeline
+            self._note("replace")
+            if self._resumption is not None:
+                self._resumption.begin(geometry)
             now = pipeline.snapshot()
             delta = GraphDelta(now.seq, now.stamp_ns, now.map_id, now.frame, (), (), (), (), (why,))
             self.snapshot.set(now)
@@ -163,6 +191,16 @@ class MapLoop:
 
         result = self.call(apply, timeout_s)
         return _once_stored(stored, result, timeout_s)
+
+    def accept_map(self) -> None:
+        """The stored map goes on, whatever the scans say."""
+
+        def accept(_: MapPipeline) -> None:
+            self._note("accept")
+            if self._resumption is not None:
+                self._resumption.accept()
+
+        self.call(accept)
 
     def run(self) -> None:
         """The map thread."""
@@ -184,13 +222,16 @@ class MapLoop:
         sensed = self._ingest.poll()
         for one in sensed:
             self._sync.push(one)
+        if sensed:
+            self._note("pop")
         frames = self._sync.pop() if sensed else []
         for frame in frames:
             self._beats.beat(NAME)
             self._answer_calls()
-            self._step(frame)
-            if self.gave_up:
-                return False
+            for ready in [frame] if self._resumption is None else self._resumption.admit(frame):
+                self._step(ready)
+                if self.gave_up:
+                    return False
         self.state.set(
             replace(
                 self.state.get(),
@@ -267,11 +308,16 @@ class MapLoop:
 
     def _finish(self) -> None:
         """What the slower stages have not looked at yet: at a pause and at a clean stop."""
+        self._note("finish")
         try:
             result = self._pipeline.finish(self.state.get().stamp_ns)
             self._hand_out(result.delta, result.snapshot)
         except Exception:  # all steps before are safe, and the next frame or the stop goes on
             _log.error("settling the map failed", exc_info=True)
+
+
+def _noted(do: str, **more: Any) -> None:
+    """Nobody records."""
 
 
 def _once_stored(stored: Mailbox[str], result: T, timeout_s: float) -> T:

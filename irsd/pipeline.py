@@ -20,10 +20,10 @@ from irsd.allround import AllRound
 from irsd.config import PipelineSettings
 from irsd.core.grid import GridFrame
 from irsd.core.times import is_due
-from irsd.core.types import CameraView, Localisation, MapUpdate, Prototype, Rooms, SyncedFrame
+from irsd.core.types import CameraView, Localisation, MapUpdate, PlanEvidence, Prototype, Rooms, SyncedFrame
 from irsd.graph.builder import GraphBuilder
 from irsd.graph.edits import Record, Request
-from irsd.graph.footprints import footprint_of
+from irsd.graph.footprints import footprint_of, opening_of
 from irsd.graph.model import Edit, GraphDelta, GraphSnapshot, InstanceArrays
 from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.graph.store import StoredMap
@@ -153,6 +153,10 @@ class MapPipeline:
         """Where a robot's body fits: int8 [H, W], -1 unknown, 0 free, 100 occupied."""
         return self._mapper.navigation_grid()
 
+    def plan_evidence(self) -> PlanEvidence:
+        """The map of the robot's floor from above. Costs a pass over the grid."""
+        return self._mapper.plan_evidence()
+
     def snapshot(self) -> GraphSnapshot:
         """The graph as it stands."""
         return self._graph.snapshot()
@@ -186,6 +190,19 @@ class MapPipeline:
         """What the steps since the last call leave on disk beside their deltas."""
         return self._builder.take_record({"I": self._memory.next_id, "R": self._room_stage.next_id})
 
+    def whole(self) -> StoredMap:
+        """Everything that the store keeps of the map as it is now."""
+        record = self._builder.whole_record({"I": self._memory.next_id, "R": self._room_stage.next_id})
+        beneath = {node_id: value for node_id, value in record.beneath.items() if value is not None}
+        return StoredMap(
+            self._graph.snapshot(),
+            self._builder.all_arrays(),
+            record.edits,
+            beneath,
+            record.next_ids,
+            taught=record.prototypes,
+        )
+
     def restore(self, stored: StoredMap) -> None:
         """Take up a stored graph, before the first step: ids, rooms and instances go on; the voxels are seen anew.
 
@@ -196,7 +213,9 @@ class MapPipeline:
         self._graph = SceneGraph.from_snapshot(snapshot)
         self._stamp_ns = snapshot.stamp_ns
         self._room_stage.restore(
-            [number_of(room.id) for room in snapshot.rooms], [footprint_of(room) for room in snapshot.rooms]
+            [number_of(room.id) for room in snapshot.rooms],
+            [footprint_of(room) for room in snapshot.rooms],
+            [opening_of(door) for door in snapshot.doors],
         )
         self._room_stage.reserve(stored.next_ids.get("R", 1))
         states = self._builder.states_beneath()
@@ -242,7 +261,7 @@ class MapPipeline:
 
     def _observe_answers(self, ms: dict[str, float]) -> None:
         """What the eyes have seen meanwhile, lifted with the pose and the map of the time of its picture."""
-        for result in self._lookout.eyes.results() if self._lookout is not None else ():
+        for result in self._lookout.answers() if self._lookout is not None else ():
             job = result.job
             view = replace(job.view, detections=result.detections, image=None)
             self._observe(view, job.points_map, job.structure, ms)

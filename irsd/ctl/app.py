@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from irsd.ctl.editing import EDITING
+from irsd.ctl.keeping import KEEPING
 from irsd.ctl.link import Target
 from irsd.ctl.models import models
 
@@ -243,8 +244,11 @@ def play(target: Target, files: tuple[Path, ...], rate: float, as_json: bool) ->
 @click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="irsd.yaml to use.")
 @json_option
 def replay(files: tuple[Path, ...], out: Path, perception: str, config: Path | None, as_json: bool) -> int:
-    """Run the pipeline over recordings, as fast as it goes, and write the graph."""
-    from irsd.ctl import recordings
+    """Run the pipeline over recordings, as fast as it goes, and write the graph; or over one bundle, and compare the graph."""
+    from irsd.ctl import recordings, records
+
+    if len(files) == 1 and files[0].suffix == ".zip":
+        return records.reproduce(files[0], out, as_json)
 
     return recordings.replay(files, out, perception, config, as_json)
 
@@ -268,7 +272,7 @@ def rooms(map_file: Path, resolution_m: float | None, out: Path, as_json: bool) 
 
 # ------------------------------------------------------------------------------------------------------------- others
 cli.add_command(models)
-for command in EDITING:
+for command in (*EDITING, *KEEPING):
     cli.add_command(command)
 
 

@@ -32,6 +32,11 @@ class EditBook:
     def next_number(self) -> int:
         return max((*self._edits, *self._taught), default=0) + 1
 
+    @property
+    def taught(self) -> dict[int, Prototype]:
+        """All examples, by number of their edit, those that do not count too."""
+        return dict(self._taught)
+
     def prototypes(self) -> tuple[Prototype, ...]:
         """What was taught and is not forgotten, oldest first."""
         return tuple(known_prototypes(self.edits, self._taught).values())

@@ -138,6 +138,10 @@ class GraphBuilder:
         edits, learnt = self._book.take_changes()
         return Record(edits, learnt, self._things.take_beneath(), dict(next_ids))
 
+    def whole_record(self, next_ids: Mapping[str, int]) -> Record:
+        """What all steps so far have left on disk beside their deltas."""
+        return Record(self._book.edits, self._book.taught, self._things.beneath(), dict(next_ids))
+
     def states_beneath(self) -> list[InstanceState]:
         """What perception knows of the things, edits apart."""
         return self._things.states()

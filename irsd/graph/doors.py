@@ -18,10 +18,29 @@ class DoorRegister:
     def __init__(self, match_m: float) -> None:
         self._match_m = match_m
         self._known: dict[int, DoorEdge] = {}
+        self._square: dict[tuple[int, int], set[int]] = {}  # numbers of the doors in each square of the plan
 
     def restore(self, doors: Sequence[DoorEdge]) -> None:
         """Doors of a stored map."""
-        self._known.update({int(door.id[1:]): door for door in doors})
+        for door in doors:
+            self._keep(int(door.id[1:]), door)
+
+    def _keep(self, number: int, door: DoorEdge) -> None:
+        before = self._known.get(number)
+        if before is not None:
+            self._square[self._square_of(before)].discard(number)
+        self._known[number] = door
+        self._square.setdefault(self._square_of(door), set()).add(number)
+
+    def _square_of(self, door: DoorEdge) -> tuple[int, int]:
+        edge_m = max(self._match_m, 0.1)
+        return math.floor(door.position_xy[0] / edge_m), math.floor(door.position_xy[1] / edge_m)
+
+    def _near(self, door: DoorEdge) -> list[int]:
+        """Numbers of the known doors that may lie within ``match_m``."""
+        x, y = self._square_of(door)
+        squares = [(x + dx, y + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+        return [number for square in squares for number in self._square.get(square, ())]
 
     def match(self, openings: Sequence[Opening]) -> tuple[DoorEdge, ...]:
         """The doors that these openings are, by number. Nearest pairs are matched first; what matches none is a new door."""
@@ -29,16 +48,19 @@ class DoorRegister:
         pairs = sorted(
             (cost, number, k)
             for k, door in enumerate(made)
-            for number, known in self._known.items()
-            if (cost := _cost(door, known)) <= self._match_m
+            for number in self._near(door)
+            if (cost := _cost(door, self._known[number])) <= self._match_m
         )
         number_of: dict[int, int] = {}
+        taken: set[int] = set()
         for _, number, k in pairs:
-            if k not in number_of and number not in number_of.values():
+            if k not in number_of and number not in taken:
                 number_of[k] = number
+                taken.add(number)
+        following = max((*self._known, *number_of.values()), default=0) + 1
         for k in range(len(made)):
             if k not in number_of:
-                number_of[k] = max((*self._known, *number_of.values()), default=0) + 1
+                number_of[k], following = following, following + 1
         doors = {
             # Once gone through, always gone through: the rooms' own memory is lost when an opening vanishes for a while.
             n: replace(
@@ -46,7 +68,8 @@ class DoorRegister:
             )
             for k, n in number_of.items()
         }
-        self._known.update(doors)
+        for n, door in doors.items():
+            self._keep(n, door)
         return tuple(doors[n] for n in sorted(doors))
 
 

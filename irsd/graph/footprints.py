@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import cv2
 import numpy as np
 
-from irsd.core.types import RoomFootprint
-from irsd.graph.model import RoomNode
+from irsd.core.types import Opening, RoomFootprint
+from irsd.graph.model import DoorEdge, RoomNode
 from irsd.graph.room_types import UNKNOWN
 
 _FLOOR_SLACK_M = 0.3  # what lies on the floor may be measured a little below it
@@ -36,6 +36,13 @@ def footprint_of(room: RoomNode) -> RoomFootprint:
     """A published room as the room stage takes it up again."""
     polygon = np.array(room.polygon_xy, np.float64).reshape(-1, 2)
     return RoomFootprint(polygon, room.aabb_xy, room.area_m2, room.floor_z_m, room.ceiling_z_m, room.floor)
+
+
+def opening_of(door: DoorEdge) -> Opening:
+    """A published door as the room stage takes it up again; its direction is not stored, so both ends lie in its middle."""
+    low, high = (int(room[1:]) for room in door.rooms)
+    ends = np.array([door.position_xy, door.position_xy], np.float64)
+    return Opening((low, high), door.position_xy, door.width_m, ends, door.traversed)
 
 
 def same_footprint(one: RoomFootprint, two: RoomFootprint) -> bool:

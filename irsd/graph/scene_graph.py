@@ -5,6 +5,7 @@ One writer applies deltas; readers get immutable snapshots by reference.
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
@@ -23,6 +24,7 @@ class SceneGraph:
     def __init__(self, map_id: str, frame: str = "map", building_name: str = "building") -> None:
         building = BuildingNode(BUILDING_ID, building_name, ())
         self._graph = networkx.MultiGraph()
+        self._ends: dict[str, tuple[str, str]] = {}
         self._graph.add_node(BUILDING_ID, data=building)
         self._snapshot = GraphSnapshot(0, 0, map_id, frame, building, (), (), ())
 
@@ -73,6 +75,7 @@ class SceneGraph:
             self._remove_door(door.id)
             if all(room in self._graph for room in door.rooms):
                 self._graph.add_edge(*door.rooms, key=door.id, data=door)
+                self._ends[door.id] = door.rooms
         for instance in instances:
             known = self._graph.nodes.get(instance.id)
             if known is not None and known["data"].room != instance.room:
@@ -82,9 +85,9 @@ class SceneGraph:
                 self._graph.add_edge(instance.room, instance.id, key="holds")
 
     def _remove_door(self, door_id: str) -> None:
-        ends = [(a, b) for a, b, key in self._graph.edges(keys=True) if key == door_id]
-        for a, b in ends:
-            self._graph.remove_edge(a, b, key=door_id)
+        ends = self._ends.pop(door_id, None)
+        if ends is not None and self._graph.has_edge(*ends, key=door_id):
+            self._graph.remove_edge(*ends, key=door_id)
 
     # ------------------------------------------------------------------------------------------------ queries
     def snapshot(self) -> GraphSnapshot:
@@ -136,8 +139,23 @@ def number_of(node_id: str) -> int:
 
 def _merged(old: tuple[NodeT, ...], new: tuple[NodeT, ...], removed: tuple[str, ...]) -> tuple[NodeT, ...]:
     """Old nodes with new ones in their places and removed ones left out, by number."""
-    if not new and not any(node.id in removed for node in old):
+    if not new and not removed:
         return old
-    by_id = {node.id: node for node in (*old, *new)}
-    gone = set(removed) - {node.id for node in new}
-    return tuple(by_id[i] for i in sorted(by_id, key=number_of) if i not in gone)
+    # By bisection, one by one: a step changes few of many. Costs one copy of the row of nodes.
+    nodes = list(old)
+    for node_id in set(removed) - {node.id for node in new}:
+        at = _place(nodes, number_of(node_id))
+        if at < len(nodes) and nodes[at].id == node_id:
+            del nodes[at]
+    for node in new:
+        at = _place(nodes, number_of(node.id))
+        if at < len(nodes) and nodes[at].id == node.id:
+            nodes[at] = node
+        else:
+            nodes.insert(at, node)
+    return tuple(nodes)
+
+
+def _place(nodes: list[NodeT], number: int) -> int:
+    """Where the node with this number stands, or would stand."""
+    return bisect.bisect_left(nodes, number, key=lambda node: number_of(node.id))

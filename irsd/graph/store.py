@@ -159,27 +159,30 @@ class Store:
 
         Raises StoreError when the step does not follow on the last one or is of another map.
         """
-        nodes: tuple[Node, ...] = (*delta.rooms, *delta.doors, *delta.instances)
         with self._explained():
             self._check_follows(delta)
             with self._transaction():
-                for node_id in delta.removed:
-                    self._db.execute("DELETE FROM node WHERE id = ?", (node_id,))
-                    self._db.execute("DELETE FROM array WHERE id = ?", (node_id,))
-                for node in nodes:
-                    document = node_to_json(node, seq=delta.seq, frame=delta.frame)
-                    self._db.execute(
-                        "INSERT OR REPLACE INTO node VALUES (?, ?, ?)", (node.id, int(node.id[1:]), document)
-                    )
-                for node_id, value in arrays.items():
-                    self._db.execute("INSERT OR REPLACE INTO array VALUES (?, ?, ?, ?)", (node_id, *_packed(value)))
-                self._db.execute("INSERT INTO step VALUES (?, ?)", (delta.seq, delta_to_json(delta)))
-                self._db.execute("DELETE FROM step WHERE seq <= ?", (delta.seq - self._keep_steps,))
-                self._write_record(record, delta)
-                meta = {"seq": delta.seq, "stamp_ns": delta.stamp_ns, "map_id": delta.map_id, "frame": delta.frame}
-                ids = {f"next_{letter}": number for letter, number in record.next_ids.items()}
-                rows = [(key, str(value)) for key, value in {**meta, **ids, "building": building_name}.items()]
-                self._db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
+                self._append(delta, arrays, record, building_name)
+
+    def _append(
+        self, delta: GraphDelta, arrays: Mapping[str, InstanceArrays], record: Record, building_name: str
+    ) -> None:
+        nodes: tuple[Node, ...] = (*delta.rooms, *delta.doors, *delta.instances)
+        for node_id in delta.removed:
+            self._db.execute("DELETE FROM node WHERE id = ?", (node_id,))
+            self._db.execute("DELETE FROM array WHERE id = ?", (node_id,))
+        for node in nodes:
+            document = node_to_json(node, seq=delta.seq, frame=delta.frame)
+            self._db.execute("INSERT OR REPLACE INTO node VALUES (?, ?, ?)", (node.id, int(node.id[1:]), document))
+        for node_id, value in arrays.items():
+            self._db.execute("INSERT OR REPLACE INTO array VALUES (?, ?, ?, ?)", (node_id, *_packed(value)))
+        self._db.execute("INSERT INTO step VALUES (?, ?)", (delta.seq, delta_to_json(delta)))
+        self._db.execute("DELETE FROM step WHERE seq <= ?", (delta.seq - self._keep_steps,))
+        self._write_record(record, delta)
+        meta = {"seq": delta.seq, "stamp_ns": delta.stamp_ns, "map_id": delta.map_id, "frame": delta.frame}
+        ids = {f"next_{letter}": number for letter, number in record.next_ids.items()}
+        rows = [(key, str(value)) for key, value in {**meta, **ids, "building": building_name}.items()]
+        self._db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
 
     def _write_record(self, record: Record, delta: GraphDelta) -> None:
         for edit in record.edits:
@@ -219,11 +222,8 @@ class Store:
                 os.fsync(stream.fileno())
             partial.replace(path)
 
-    def replace_by(self, path: Path, seq: int, delta: GraphDelta) -> None:
-        """The map of another file instead of this one, from now on at revision ``seq``, in one transaction. delta: what tells of it.
-
-        The file must be in this layout (``prepared``).
-        """
+    def replace_by(self, path: Path, delta: GraphDelta) -> None:
+        """The map of another file of this layout instead of this one, in one transaction. delta: tells of it, at its new revision."""
         with self._explained():
             self._db.execute("ATTACH ? AS other", (str(path),))
             try:
@@ -232,10 +232,22 @@ class Store:
                         self._db.execute(f"DELETE FROM main.{table}")
                         self._db.execute(f"INSERT INTO main.{table} SELECT * FROM other.{table}")
                     self._db.execute("DELETE FROM step")
-                    self._db.execute("INSERT INTO step VALUES (?, ?)", (seq, delta_to_json(delta)))
-                    self._db.execute("UPDATE meta SET value = ? WHERE key = 'seq'", (str(seq),))
+                    self._db.execute("INSERT INTO step VALUES (?, ?)", (delta.seq, delta_to_json(delta)))
+                    self._db.execute("UPDATE meta SET value = ? WHERE key = 'seq'", (str(delta.seq),))
             finally:
                 self._db.execute("DETACH other")
+
+    def rewrite(self, stored: StoredMap) -> None:
+        """The map written whole instead of what was here, in one transaction; the log of deltas begins anew."""
+        graph = stored.snapshot
+        nodes = (graph.rooms, graph.doors, graph.instances)
+        delta = GraphDelta(graph.seq, graph.stamp_ns, graph.map_id, graph.frame, *nodes, (), ("written whole",))
+        record = Record(stored.edits, stored.taught, stored.beneath, stored.next_ids)
+        with self._explained(), self._transaction():
+            for table in (*_OF_THE_MAP, "prototype"):
+                self._db.execute(f"DELETE FROM {table}")
+            self._append(delta, stored.arrays, record, graph.building.name)
+            self._db.executemany("INSERT INTO geometry VALUES (?, ?)", list(stored.geometry.items()))
 
     def _check_follows(self, delta: GraphDelta) -> None:
         meta = self._meta()

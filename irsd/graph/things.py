@@ -126,6 +126,11 @@ class Things:
         state = self._states.get(int(node_id[1:]))
         return self._make(state).label if state is not None else self.nodes[node_id].label
 
+    def beneath(self) -> dict[str, Beneath | None]:
+        """What perception says of all things that are told otherwise."""
+        found = {f"I{i}": self._states[i] for i in sorted(self._edited) if i in self._states}
+        return {i: (self._make(s), InstanceArrays(s.points_map, s.embedding)) for i, s in found.items()}
+
     def take_beneath(self) -> dict[str, Beneath | None]:
         """What changed beneath since the last call; see ``edits.Record``."""
         out, self._beneath = self._beneath, {}

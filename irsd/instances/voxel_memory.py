@@ -12,14 +12,14 @@ from irsd.instances.voxels import (
     Ints,
     Rows,
     drop_key,
-    find_key,
+    enter_rows,
     gather,
     new_cells,
     new_table,
     owners,
     refill,
+    rows_of,
     sight,
-    take_row,
 )
 
 _LOAD = 2  # places of the table per row, at least
@@ -53,18 +53,12 @@ class VoxelMemory:
 
     def find(self, keys: Ints) -> Rows:
         """Rows [N] of keys [N], -1 where a voxel has none."""
-        return np.array([find_key(self._table.key, self._table.row, key) for key in keys], np.int32)
+        return rows_of(self._table, keys)
 
     def insert(self, keys: Ints) -> Rows:
         """Rows [N] of unique keys [N]; those without one get one."""
         self._reserve(len(keys))
-        rows = self.find(keys)
-        cells, table = self.cells, self._table
-        for k in np.flatnonzero(rows < 0).tolist():
-            rows[k] = take_row(
-                table.key, table.row, cells.key, cells.owner, cells.mass, cells.views, self.counts, self._free, keys[k]
-            )
-        return rows
+        return enter_rows(self._table, self.cells, self.counts, self._free, keys)
 
     def drop(self, rows: Rows) -> None:
         """Free rows: their keys are forgotten, their claims with them."""

@@ -180,6 +180,27 @@ def take_row(
 
 
 @kernel
+def rows_of(table: Table, keys: Ints) -> Rows:
+    """Rows [N] of keys [N], -1 where a voxel has none."""
+    rows = np.empty(len(keys), np.int32)
+    for k in range(len(keys)):
+        rows[k] = find_key(table.key, table.row, keys[k])
+    return rows
+
+
+@kernel
+def enter_rows(table: Table, cells: Cells, counts: Ints, free: Rows, keys: Ints) -> Rows:
+    """Rows [N] of keys [N]; those without one get one. counts, free: see ``take_row``."""
+    rows = rows_of(table, keys)
+    for k in range(len(keys)):
+        if rows[k] < 0:
+            rows[k] = take_row(
+                table.key, table.row, cells.key, cells.owner, cells.mass, cells.views, counts, free, keys[k]
+            )
+    return rows
+
+
+@kernel
 def gather(
     table: Table, cells: Cells, counts: Ints, free: Rows, points: Floats, offset: Ints, per_m: float, view: int
 ) -> tuple[Rows, Ints]:

@@ -93,6 +93,10 @@ class GraphPublisher:
         self._status.set(document)
         self._session.put(self._keys.status, document, block=False)
 
+    def status(self) -> bytes:
+        """The last status document; empty before the first."""
+        return self._status.get()
+
     def close(self) -> None:
         """Withdraws everything, the alive token first."""
         for handle in reversed(self._handles):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.grid import GridFrame
-from irsd.core.types import PlanEvidence, RoomFootprint, Rooms, RoomSegmentation
+from irsd.core.types import Opening, PlanEvidence, RoomFootprint, Rooms, RoomSegmentation
 from irsd.rooms.outline import WallPoints
 from irsd.rooms.settings import RoomSettings
 from irsd.rooms.tracker import IdSource
@@ -53,8 +53,10 @@ class BoxRooms:
         self._known = -1
         self.rooms: Rooms | None = None
 
-    def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
-        """Continue with the boxes of an earlier run."""
+    def restore(
+        self, ids: Sequence[int], footprints: Sequence[RoomFootprint], openings: Sequence[Opening] = ()
+    ) -> None:
+        """Continue with the boxes of an earlier run. openings are no affair of the algorithm."""
         self._boxes += [_Box(i, _NONE, np.array(f.aabb_xy)) for i, f in zip(ids, footprints, strict=True)]
 
     def changed(self, evidence: PlanEvidence) -> int:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from irsd.core.types import Opening, PlanEvidence, RoomFootprint, Rooms
 from irsd.rooms.outline import Footprints, WallPoints
+from irsd.rooms.remembered import BLOCK, Remembered
 from irsd.rooms.segment import labelling, openings_between
 from irsd.rooms.settings import RoomSettings
 from irsd.rooms.tracker import IdSource, RoomTracker
 from irsd.rooms.walls import merge_levels
 
-_BLOCK = 32  # evidence is cropped to whole blocks of cells, so that the crop seldom changes
 _STRIDE_M = 0.2  # steps of the path that is kept
 _MAX_PATH = 5000
 _PASSED_M = 0.3  # a path this near beside a door's ends still went through it
@@ -34,17 +34,22 @@ class FloorRooms:
         self._ceilings: tuple[tuple[float, float], ...] = ()
         # An opening may be found long after the robot went through it.
         self._path: deque[tuple[float, float]] = deque(maxlen=_MAX_PATH)
+        self._remembered = Remembered()
+        self._openings: tuple[Opening, ...] = ()  # those seen in this run
         self.rooms: Rooms | None = None
 
-    def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
-        """Continue with the rooms of an earlier run."""
+    def restore(
+        self, ids: Sequence[int], footprints: Sequence[RoomFootprint], openings: Sequence[Opening] = ()
+    ) -> None:
+        """Continue with the rooms of an earlier run; those that are not seen yet stay as they were."""
         self._tracker.restore(ids, footprints)
+        self._remembered.restore(ids, footprints, openings)
 
     def changed(self, evidence: PlanEvidence) -> int:
         """Cells that differ from the evidence of the last update; one more when the height of floor or ceiling does."""
         if self._evidence is None:
             return int(evidence.known.sum())
-        now, last = cropped(evidence), self._evidence
+        now, last = self._remembered.padded(cropped(evidence)), self._evidence
         if now.frame != last.frame:
             last = _on_frame(last, now)
         heights = (now.floor_z_m, now.ceiling_z_m) != (self._evidence.floor_z_m, self._evidence.ceiling_z_m)
@@ -55,17 +60,22 @@ class FloorRooms:
     ) -> Generator[None, None, Rooms]:
         """Rooms of the floor as the evidence shows it, in steps of bounded length. path_xy: float64 [P, 2], where the robot went
         since the last update."""
-        evidence = cropped(evidence)
-        before: tuple[Opening, ...] = () if self.rooms is None else self.rooms.openings
+        evidence = self._remembered.padded(cropped(evidence))
+        before = self._openings
         labels, openings = yield from labelling(evidence, self._settings.segment, before)
         yield
         tracked = self._tracker.update(labels, evidence.frame)
         heights = self._levels(evidence)
-        ids, footprints = self._footprints.draw(tracked.labels, evidence.frame, heights, walls)
-        footprints = tuple(replace(f, floor=evidence.floor) for f in footprints)
-        found = openings_between(tracked.labels, evidence.frame, (*_remembering(openings, before), *before))
+        labels, unseen = self._remembered.fill(tracked.labels, evidence)
+        seen = np.where(np.isin(labels, list(unseen)), 0, labels).astype(np.int32) if unseen else labels
+        ids, footprints = self._footprints.draw(seen, evidence.frame, heights, walls)
+        places = {i: replace(f, floor=evidence.floor) for i, f in zip(ids, footprints, strict=True)}
+        places |= {i: self._remembered.footprint(i) for i in unseen}
+        places = {i: places[i] for i in sorted(places)}
+        self._openings = openings_between(labels, evidence.frame, (*_remembering(openings, before), *before))
+        found = (*self._openings, *self._remembered.openings(evidence, tuple(places), self._openings))
         self._evidence = evidence
-        self.rooms = Rooms(evidence.frame, tracked.labels, ids, footprints, found, tracked.lineage)
+        self.rooms = Rooms(evidence.frame, labels, tuple(places), tuple(places.values()), found, tracked.lineage)
         self._walked(path_xy)
         return self.rooms
 
@@ -83,6 +93,7 @@ class FloorRooms:
         )
         if any(a is not b for a, b in zip(marked, self.rooms.openings, strict=True)):
             self.rooms = replace(self.rooms, openings=marked)
+            self._openings = marked[: len(self._openings)]
 
     def _levels(self, evidence: PlanEvidence) -> tuple[float, float | None]:
         """Heights of the floor and ceiling that the evidence means: of all seen so far, those within tau_3 are one level."""
@@ -112,10 +123,8 @@ def cropped(evidence: PlanEvidence) -> PlanEvidence:
         return evidence
     frame, edge = evidence.frame, evidence.frame.resolution_m
     column, row = np.rint(np.array(frame.origin_xy_m) / edge).astype(int).tolist()
-    low = [((first + start) // _BLOCK) * _BLOCK - start for first, start in ((rows[0], row), (columns[0], column))]
-    high = [
-        -(-(last + 1 + start) // _BLOCK) * _BLOCK - start for last, start in ((rows[-1], row), (columns[-1], column))
-    ]
+    low = [((first + start) // BLOCK) * BLOCK - start for first, start in ((rows[0], row), (columns[0], column))]
+    high = [-(-(last + 1 + start) // BLOCK) * BLOCK - start for last, start in ((rows[-1], row), (columns[-1], column))]
     top, left = max(low[0], 0), max(low[1], 0)
     bottom, right = min(high[0], frame.height), min(high[1], frame.width)
     if (top, left, bottom, right) == (0, 0, frame.height, frame.width):

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.types import PlanEvidence, RoomFootprint, Rooms
+from irsd.core.types import Opening, PlanEvidence, RoomFootprint, Rooms
 from irsd.rooms.algorithm1 import BoxRooms
 from irsd.rooms.floor import FloorRooms
 from irsd.rooms.outline import WallPoints
@@ -46,6 +46,7 @@ class RoomStage:
         self._ids = IdSource()
         self._floors: dict[int, FloorRooms | BoxRooms] = {}
         self._restored: tuple[tuple[int, RoomFootprint], ...] = ()
+        self._ways: tuple[Opening, ...] = ()
         self._rooms: Rooms | None = None
         self._walls: WallPoints | None = None
         self._path: list[tuple[float, float]] = []
@@ -54,11 +55,16 @@ class RoomStage:
         self._walls_due = True
         self._passes = 0
 
-    def restore(self, ids: Sequence[int], footprints: Sequence[RoomFootprint]) -> None:
-        """Continue with the rooms of an earlier run: found again, they keep their ids."""
+    def restore(
+        self, ids: Sequence[int], footprints: Sequence[RoomFootprint], openings: Sequence[Opening] = ()
+    ) -> None:
+        """Continue with the rooms of an earlier run: found again, they keep their ids; until then they stay as they were.
+
+        Opening.rooms hold ids.
+        """
         if len(ids) != len(footprints) or any(i < 1 for i in ids):
             raise ValueError(f"expected one positive id per footprint, got {list(ids)} for {len(footprints)}")
-        self._restored = tuple(zip(ids, footprints, strict=True))
+        self._restored, self._ways = tuple(zip(ids, footprints, strict=True)), tuple(openings)
         self._ids.reserve(ids)
 
     @property
@@ -139,14 +145,16 @@ class RoomStage:
             make = BoxRooms if self._settings.method == "irs" else FloorRooms
             floor = self._floors[evidence.floor] = make(self._settings, self._ids)
             mine = [(i, f) for i, f in self._restored if f.floor == evidence.floor]
-            floor.restore([i for i, _ in mine], [f for _, f in mine])
+            here = {i for i, _ in mine}
+            floor.restore([i for i, _ in mine], [f for _, f in mine], [o for o in self._ways if here >= set(o.rooms)])
         path, self._path = self._path, self._path[-1:]
         self._waited, self._passes = 0, self._passes + 1
         # A pass over the voxels is dear, and walls that were seen well once stay where they are.
         self._walls_due = self._passes <= _EAGER_PASSES or self._passes % _WALLS_EVERY == 0
         rooms = yield from floor.updating(evidence, walls, np.array(path, np.float64).reshape(-1, 2))
         others = [self._floors[k].rooms for k in sorted(self._floors) if k != evidence.floor]
-        self._rooms = _together(rooms, [o for o in others if o is not None])
+        elsewhere = [(i, f) for i, f in self._restored if f.floor not in self._floors]
+        self._rooms = _together(rooms, [o for o in others if o is not None], elsewhere)
         return self._rooms
 
     def _settled(self, rooms: Rooms) -> Rooms:
@@ -157,11 +165,13 @@ class RoomStage:
         return rooms
 
 
-def _together(here: Rooms, others: Sequence[Rooms]) -> Rooms:
-    """The rooms of all floors by id; the labels are those of the floor where the robot is."""
-    if not others:
+def _together(here: Rooms, others: Sequence[Rooms], unvisited: Sequence[tuple[int, RoomFootprint]]) -> Rooms:
+    """The rooms of all floors by id; the labels are those of the floor where the robot is. unvisited: rooms of floors of an
+    earlier run on which it was not yet in this one."""
+    if not others and not unvisited:
         return here
     pairs = [pair for rooms in (here, *others) for pair in zip(rooms.ids, rooms.footprints, strict=True)]
+    pairs += unvisited
     pairs.sort(key=lambda pair: pair[0])
     openings = tuple(o for rooms in (here, *others) for o in rooms.openings)
     return replace(

@@ -1,4 +1,4 @@
-"""irsctl's edits on a running irsd: answered when on disk, so that a kill -9 right after the answer loses nothing."""
+"""irsctl's edits and whole maps on a running irsd: answered when on disk, so that a kill -9 right after the answer loses nothing."""
 
 from __future__ import annotations
 
@@ -14,16 +14,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from daemon_here import running
 
-from irsd.core.runtime import monotonic_s, sleep_s
+from irsd.config import IrsdConfig, StoreSettings
+from irsd.core.runtime import Ring, monotonic_s, sleep_s
 from irsd.core.types import InstanceState, InstanceUpdate
 from irsd.graph.builder import GraphBuilder, GraphSettings
+from irsd.graph.codec import delta_from_json, snapshot_from_json
+from irsd.graph.model import GraphSnapshot
 from irsd.graph.store import Store
 from irsd.io.keys import RobotKeys
-from irsd.io.session import ZenohSettings, open_session
+from irsd.io.session import Sample, Session, ZenohSettings, open_session
 from irsd.perception.encoder import LabelEncoder
 
-WAIT_S = 60.0
+WAIT_S = 120.0
 KEYS = RobotKeys("tester")
 
 
@@ -110,3 +114,63 @@ def test_edits_outlive_kills_and_are_undone_after_them(endpoint: str, tmp_path: 
                 (reply,) = session.get(KEYS.command("edit"), payload=payload, timeout_s=20.0)
                 assert not reply.ok
                 assert "internal error" not in reply.error
+
+
+def ask(session: Session, command: str, **question: Any) -> dict[str, Any]:
+    (reply,) = session.get(KEYS.command(command), payload=json.dumps(question).encode(), timeout_s=WAIT_S)
+    return dict(json.loads(reply.payload)) if reply.ok else {"error": reply.error}
+
+
+def graph_of(session: Session) -> GraphSnapshot:
+    (reply,) = session.get(KEYS.snapshot, timeout_s=WAIT_S)
+    return snapshot_from_json(reply.payload)
+
+
+def things(session: Session) -> dict[str, str]:
+    return {node.id: node.label for node in graph_of(session).instances}
+
+
+def test_whole_maps_come_and_go(tmp_path: Path) -> None:
+    a_map(tmp_path)
+    config = IrsdConfig(robot=KEYS.robot, store=StoreSettings(directory=str(tmp_path)))
+    labels = LabelEncoder.load()
+    first = {"I1": "chair", "I2": "table", "I3": "box"}
+    deltas: Ring[Sample] = Ring(64)
+    with running(config, labels) as (_, session):
+        session.subscribe_history(KEYS.delta, deltas)
+        assert [s["name"] for s in ask(session, "snapshot", do="save", name="as_found")["snapshots"]] == ["as_found"]
+        ask(session, "edit", kind="teach", target="I1", name="centrifuge")
+        ask(session, "edit", kind="delete", target="I3")
+        (reply,) = session.get(KEYS.command("export"), timeout_s=WAIT_S)
+        exported = reply.payload
+        before = graph_of(session).seq
+        restored = ask(session, "snapshot", do="restore", name="as_found")
+        assert restored["seq"] > before + 1  # a gap: followers take the snapshot again
+        assert things(session) == first
+        assert ask(session, "edits") == {"edits": []}
+        for name in ("../map", "a/b", "", ".hidden", "x" * 64, "a\u0000"):
+            for what in ("save", "restore", "delete"):
+                assert "snapshot's name is letters" in ask(session, "snapshot", do=what, name=name)["error"]
+        assert "there is no snapshot nowhere" in ask(session, "snapshot", do="restore", name="nowhere")["error"]
+        for bad in (b"", b"nonsense", exported[:-20], exported[:30] + b"\0" * 500):
+            (reply,) = session.get(KEYS.command("import"), payload=bad, timeout_s=WAIT_S)
+            assert not reply.ok
+            assert "internal error" not in reply.error
+        assert things(session) == first
+        ask(session, "edit", kind="rename", target="I2", name="bench")  # goes on from the restored revision
+    with running(config, labels) as (_, session):
+        assert things(session) == {**first, "I2": "bench"}
+        assert session.get(KEYS.command("import"), payload=exported, timeout_s=WAIT_S)[0].ok
+        assert things(session) == {"I1": "centrifuge", "I2": "table"}
+        assert sorted(s["name"] for s in ask(session, "snapshot", do="list")["snapshots"]) == ["as_found", "previous"]
+    with running(config, labels) as (_, session):
+        assert things(session) == {"I1": "centrifuge", "I2": "table"}
+        map_id = graph_of(session).map_id
+        ask(session, "map", do="new")
+        assert things(session) == {}
+        assert graph_of(session).map_id != map_id
+        ask(session, "snapshot", do="restore", name="previous")
+        assert graph_of(session).map_id == map_id
+        assert things(session) == {"I1": "centrifuge", "I2": "table"}
+    seqs = [delta_from_json(sample.payload).seq for sample in deltas.drain()]
+    assert seqs == sorted(seqs)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import random
 import signal
@@ -240,3 +241,77 @@ def test_a_killed_writer_leaves_a_whole_prefix(tmp_path: Path) -> None:
             points = stored.arrays[node.id].points_map
             assert points.shape == (200, 3)
             assert (points == node.observations).all()
+
+
+def test_a_saved_map_is_whole_and_takes_the_place_of_another(tmp_path: Path) -> None:
+    store = Store(tmp_path / "a")
+    for k in range(1, 6):
+        store.append(*step(k))
+    store.keep_geometry("plan/0", b"walls")
+    store.save_as(tmp_path / "snapshots" / "five.sqlite")
+    for k in range(6, 9):
+        store.append(*step(k))
+    at_eight = store.load()
+    told = GraphDelta(20, 50, "m", "map", (), (), (), (), ("restored",))
+    store.replace_by(tmp_path / "snapshots" / "five.sqlite", told)
+    restored = store.load()
+    assert at_eight is not None
+    assert restored is not None
+    assert restored.snapshot == dataclasses.replace(expected(5).snapshot(), seq=20)
+    assert restored.geometry == {"plan/0": b"walls"}
+    assert store.steps() == (told,)
+    with pytest.raises(StoreError):
+        store.replace_by(tmp_path / "absent.sqlite", told)
+    store.rewrite(at_eight)
+    again = store.load()
+    store.close()
+    assert again is not None
+    assert again.snapshot == at_eight.snapshot
+    assert sorted(again.arrays) == sorted(at_eight.arrays)
+    assert [path.name for path in (tmp_path / "snapshots").iterdir()] == ["five.sqlite"]
+
+
+SWITCHER = """
+import sys, itertools
+sys.path.insert(0, {folder!r})
+from pathlib import Path
+from irsd.graph.model import GraphDelta
+from irsd.graph.store import Store
+folder = Path(sys.argv[1])
+store = Store(folder)
+seq = store.load().snapshot.seq
+for name in itertools.cycle(("three", "nine")):
+    seq += 1
+    store.replace_by(folder / f"{{name}}.sqlite", GraphDelta(seq, 1, "m", "map", (), (), (), (), (name,)))
+    print(seq, flush=True)
+"""
+
+
+def test_a_process_killed_while_maps_change_places_leaves_one_of_them_whole(tmp_path: Path) -> None:
+    rng = random.Random(11)
+    store = Store(tmp_path)
+    for k in range(1, 10):
+        store.append(*step(k))
+        if k in (3, 9):
+            store.save_as(tmp_path / f"{'three' if k == 3 else 'nine'}.sqlite")
+    store.close()
+    whole = {k: expected(k).snapshot().instances for k in (3, 9)}
+    for _ in range(4):
+        command = [sys.executable, "-c", SWITCHER.format(folder=str(Path(__file__).parent)), str(tmp_path)]
+        child = subprocess.Popen(command, stdout=subprocess.PIPE, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        assert child.stdout is not None
+        for _ in range(rng.randint(1, 12)):
+            told = int(child.stdout.readline())
+        child.send_signal(signal.SIGKILL)
+        rest = child.stdout.read().splitlines()
+        child.stdout.close()
+        child.wait()
+        told = max([told, *(int(line) for line in rest if line)])
+        store = Store(tmp_path)
+        stored = store.load()
+        (last,) = store.steps()
+        store.close()
+        assert stored is not None
+        assert told <= stored.snapshot.seq <= told + 1
+        assert stored.snapshot.instances == whole[3 if last.lineage == ("three",) else 9]
+        assert sorted(stored.arrays) == sorted(node.id for node in stored.snapshot.instances)

@@ -178,6 +178,36 @@ def test_a_restarted_stage_takes_up_the_ids() -> None:
     assert stage.update(house(16.0), NO_WALLS, NO_WALLS).ids == (11, 12, 13)
 
 
+def test_rooms_that_are_not_seen_after_a_restart_stay_as_they_were_until_they_are() -> None:
+    """Restarted in the first of three rooms: all three are there all the time, on the plan too, and with their doors."""
+    full = explore(RoomStage(RoomSettings()))[-1]
+    stage = RoomStage(RoomSettings())
+    stage.restore(full.ids, full.footprints, full.openings)
+    for x in np.arange(2.0, 16.0, 0.5):
+        rooms = stage.update(house(x), NO_WALLS, NO_WALLS)
+        assert rooms.ids == (1, 2, 3)
+        assert [o.rooms for o in rooms.openings] == [(1, 2), (2, 3)]
+        rows = rooms.frame.cells_of(np.array([[0.0, 0.0], [4.5, 0.0], [9.5, 0.0]]))
+        assert rooms.labels[rows[:, 0], rows[:, 1]].tolist() == [1, 2, 3]
+        for old, new in zip(full.footprints, rooms.footprints, strict=True):
+            assert abs(old.area_m2 - new.area_m2) <= 0.2 * old.area_m2  # what counts as seen
+    upstairs = RoomFootprint(full.footprints[0].polygon_xy, full.footprints[0].aabb_xy, 9.0, 3.0, 5.6, floor=1)
+    stage = RoomStage(RoomSettings())
+    stage.restore([*full.ids, 9], [*full.footprints, upstairs], full.openings)
+    assert stage.update(house(4.0), NO_WALLS, NO_WALLS).ids == (1, 2, 3, 9)
+
+
+def test_a_remembered_room_that_turns_out_to_be_part_of_another_is_gone() -> None:
+    """Stored as two rooms, seen as one: in the end one is left, wherever the other was painted."""
+    full = explore(RoomStage(RoomSettings()))[-1]
+    left, right = (-2.0, -2.0, 0.0, 3.0), (0.0, -2.0, 2.0, 3.0)
+    stage = RoomStage(RoomSettings())
+    stage.restore([1, 7, 2, 3], [footprint(*left), footprint(*right), *full.footprints[1:]])
+    for x in (*np.arange(2.0, 16.0, 0.5), *[16.0] * 30):
+        rooms = stage.update(house(x), NO_WALLS, NO_WALLS, [(0.0, 0.0)])
+    assert rooms.ids == (1, 2, 3)
+
+
 def test_floor_heights_that_jitter_are_one_level() -> None:
     stage = RoomStage(RoomSettings())
     for k, x in enumerate((15.0, 15.5, 16.0)):
