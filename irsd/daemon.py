@@ -96,24 +96,10 @@ class Daemon:
         self._watch = SensorWatch(config.watch)
         self._ledger, self._wall_clock = FaultLedger(), WallClock(shown_s=config.watch.shown_s)
         self._recorder = recorder_of(config, store)
-        taken, noted = (self._recorder.take, self._recorder.event) if self._recorder is not None else (None, None)
+        taken = None if self._recorder is None else self._recorder.take
         self._ingest = Ingest(session, config.ingest, wake, self._watch, taken)
         self._resumption = Resumption(config.pipeline.mapping, {} if stored is None else stored.geometry)
-        self._loop = MapLoop(
-            self._ingest,
-            Synchronizer(config.sync),
-            pipeline,
-            self._outbox,
-            wake=wake,
-            stopper=self.stopper,
-            beats=self._beats,
-            times=self._times,
-            max_failures=config.health.max_failures,
-            on_lag=None if eyes is None else eyes.note_lag,
-            on_place=self._tell_place,
-            resumption=self._resumption,
-            note=noted,
-        )
+        self._loop = self._make_loop(pipeline, wake)
         self._keeper = Keeper(store, self._counts, lambda: self._loop.call(lambda p: p.whole()))
         self._publisher = GraphPublisher(
             session,
@@ -130,6 +116,25 @@ class Daemon:
         self._workers = self._make_workers(wake)
         self._started_s = monotonic_s()
         self._status_seq = 0
+
+    def _make_loop(self, pipeline: MapPipeline, wake: Event) -> MapLoop:
+        config, eyes = self._config, self._eyes
+        noted = None if self._recorder is None else self._recorder.event
+        return MapLoop(
+            self._ingest,
+            Synchronizer(config.sync),
+            pipeline,
+            self._outbox,
+            wake=wake,
+            stopper=self.stopper,
+            beats=self._beats,
+            times=self._times,
+            max_failures=config.health.max_failures,
+            on_lag=None if eyes is None else eyes.note_lag,
+            on_place=self._tell_place,
+            resumption=self._resumption,
+            note=noted,
+        )
 
     def _make_workers(self, wake: Event) -> list[Worker]:
         workers = [
