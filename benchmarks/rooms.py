@@ -30,12 +30,14 @@ from numpy.typing import NDArray
 from irsd.core.types import DeskewedScan, Rooms, SyncedFrame
 from irsd.mapping.localise import Localiser, LocaliseSettings
 from irsd.mapping.mapper import Mapper, MappingSettings
+from irsd.perception.structure_net import structure_model
 from irsd.rooms.algorithm1 import box_map
 from irsd.rooms.segment import FREE_FROM, segment_map
 from irsd.rooms.stage import RoomSettings, RoomStage
 
 HERE = Path(__file__).resolve().parent
 RESOLUTION_M = 0.05
+STRUCTURE = MappingSettings().network.model
 PARTS = (0.25, 0.5, 0.75, 1.0)
 Score = dict[str, Any]
 
@@ -104,12 +106,15 @@ class Identity:
                 self._ids[room] = now
 
 
-def run_drive(drive: Path, settings: RoomSettings, scorer: ModuleType, upto: int | None = None) -> tuple[Rooms, Score]:
+def run_drive(
+    drive: Path, settings: RoomSettings, scorer: ModuleType, upto: int | None = None, structure: str = STRUCTURE
+) -> tuple[Rooms, Score]:
     """The rooms at the end, and scores: ``parts`` after each of ``PARTS``, id changes, ms per scan."""
     with np.load(drive) as data:
         total = len(data["ranges"])
     marks = {max(round(total * part), 1): part for part in PARTS}
-    mapper, stage, identity = Mapper(MappingSettings()), RoomStage(settings), Identity(scorer, drive)
+    mapper = Mapper(MappingSettings(), structure_model(structure))
+    stage, identity = RoomStage(settings), Identity(scorer, drive)
     localiser = Localiser(LocaliseSettings())
     parts, mapping_ms, rooms_ms, rooms, lineage = {}, [], [], None, []
     for sensed in frames_of(drive, upto):
@@ -278,6 +283,7 @@ def main() -> int:
     parser.add_argument("--drive", type=Path, help="one drive only: write its rooms to --out")
     parser.add_argument("--out", type=Path, help="rooms.json of --drive")
     parser.add_argument("--upto", type=int, help="stop --drive after this many scans")
+    parser.add_argument("--structure", default=STRUCTURE, help="of --drive: nano, a path, or empty: geometry alone")
     parser.add_argument("--method", default="ours", choices=["ours", "irs"], help="of --drive")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)  # the bars are for one core
@@ -288,7 +294,7 @@ def main() -> int:
         if arguments.out is None:
             parser.error("--drive needs --out")
         settings, scorer = settings_of(arguments.method), load_scorer(arguments.data)
-        rooms, result = run_drive(arguments.drive, settings, scorer, arguments.upto)
+        rooms, result = run_drive(arguments.drive, settings, scorer, arguments.upto, arguments.structure)
         arguments.out.write_text(json.dumps(footprints_of(rooms, arguments.method), indent=1) + "\n")
         score = score_drive(arguments.drive, rooms, scorer, arguments.upto)
         print(scorer.line(arguments.drive.stem, score))

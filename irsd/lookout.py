@@ -61,7 +61,7 @@ class Lookout:
             return
         self._selector.take(view.stamp_ns, worth, view.map_T_camera, points, room)
         index, pixel, depth_m = points_in_sight(view, points, self._settings)
-        part = np.isin(structure[index], (Structure.WALL, Structure.FLOOR, Structure.CEILING))
+        part = structure[index] != Structure.OTHER
         sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index], part)
         self._seq += 1
         self._began_ns = view.stamp_ns if self._began_ns is None else self._began_ns

@@ -102,30 +102,6 @@ def collect(scenes: list[Path], cache: Path) -> tuple[torch.Tensor, torch.Tensor
         return tuple(torch.from_numpy(data[k]) for k in ("features", "classes", "owner"))  # type: ignore[return-value]
 
 
-def balance(net: StructureNet, features: torch.Tensor, classes: NDArray[np.uint8]) -> None:
-    """Moves the biases of the last layer to where the mean IoU is best on buildings that were not trained on: what is likely is not what
-    scores best where classes differ in size."""
-    with torch.no_grad():
-        logits = net(features).numpy()
-    shift = np.zeros(6, np.float32)
-    for step in (0.6, 0.3, 0.15):
-        for kind in (4, 5, 0, 1, 3, 2):
-            tried = [
-                (
-                    table((logits + shift + step * k * (np.arange(6) == kind)).argmax(1).astype(np.uint8), classes)[
-                        "miou"
-                    ],
-                    -abs(k),
-                    k,
-                )
-                for k in (-2, -1, 0, 1, 2)
-            ]
-            shift[kind] += step * max(tried)[2]
-    with torch.no_grad():
-        net.layers[-1].bias += torch.from_numpy(shift)
-    print("biases moved by", shift.round(2).tolist())
-
-
 def map_score(net: StructureNet, path: Path) -> dict[str, float]:
     """On a whole map with truth (255 = none), block by block."""
     with np.load(path) as data:
@@ -204,6 +180,7 @@ def main() -> None:
             },
             arguments.out,
         )
+    net.eval()
     if arguments.export:
         export_onnx(
             net.eval(), (torch.zeros(2, FEATURES),), ("features",), ("logits",), arguments.export / "structure.onnx"

@@ -286,7 +286,7 @@ def without_structure(structure: NDArray[np.uint8], flat_share: float) -> tuple[
     Walls, floors and ceilings never join an object, except where nearly all of a mask is structure: then it is something
     that lies within the plane (a picture, a screen, a curtain, a rug) and its points are the object.
     """
-    is_structure = np.isin(structure, (Structure.WALL, Structure.FLOOR, Structure.CEILING))
+    is_structure = structure != Structure.OTHER
     if len(structure) and is_structure.mean() >= flat_share:
         return np.ones(len(structure), np.bool_), True
     return ~is_structure, False

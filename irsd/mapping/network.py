@@ -34,11 +34,11 @@ class NetworkSettings:
         "", "what labels voxels: nano (our network), the path of an ONNX point network; empty: geometry alone"
     )
     block_m: float = setting(8.0, "side N of the block of points around the robot", lo=1.0, hi=100.0)
-    every_scans: int = setting(10, "the network runs once in this many scans", lo=1, hi=10_000)
+    every_scans: int = setting(15, "the network runs once in this many scans", lo=1, hi=10_000)
     max_points: int = setting(
-        30_000, "voxels per run; of more, every n-th is taken, others each time", lo=100, hi=10_000_000
+        20_000, "voxels per run; of more, every n-th is taken, others each time", lo=100, hi=10_000_000
     )
-    votes: int = setting(2, "votes from which a voxel's label is the network's", lo=1, hi=100)
+    votes: int = setting(1, "votes from which a voxel's label is the network's", lo=1, hi=100)
 
 
 class StructureVotes:

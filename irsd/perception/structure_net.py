@@ -16,6 +16,9 @@ from irsd.perception.structure_features import smoothed, structure_features
 
 SHIPPED = "nano"  # the name of our own network in settings
 _CLASSES = len(Structure)
+# A thing's point that is called wall is lost to the thing, a wall's point that is called thing is noise that fusion removes: the
+# network must be so many times as sure of structure. With 1, a quarter of things' points are lost; with 4.5 as few as by geometry.
+_DOUBT = 4.5
 
 
 class StructureModel(Protocol):
@@ -44,7 +47,9 @@ class NanoStructure:
         """``Structure`` values uint8 [N] of a block's N voxels."""
         logits = _logits(self._session, "features", structure_features(block))
         shares = np.exp(logits - logits.max(1, keepdims=True))
-        return np.asarray(smoothed(block, shares / shares.sum(1, keepdims=True)).argmax(1), np.uint8)
+        shares = smoothed(block, shares / shares.sum(1, keepdims=True))
+        shares[:, Structure.OTHER] *= _DOUBT
+        return np.asarray(shares.argmax(1), np.uint8)
 
 
 class PointNetwork:
