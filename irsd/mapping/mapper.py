@@ -211,7 +211,7 @@ class Mapper:
     def loose_points(self, low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float32]:
         """Voxel points [K, 3] in a box that are not structure: what can be carried away."""
         rows = self.voxels.rows_within(low, high)
-        return self.voxels.mean[rows[self.voxels.structure[rows] == Structure.OTHER]]
+        return np.asarray(self.voxels.mean[rows[self.voxels.structure[rows] == Structure.OTHER]], np.float32)
 
     def made_ns(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
         """When the voxels of points [N, 3] were first hit: int64 [N], 0 where there is none."""

@@ -34,7 +34,7 @@ class NetworkSettings:
         "", "what labels voxels: nano (our network), the path of an ONNX point network; empty: geometry alone"
     )
     block_m: float = setting(8.0, "side N of the block of points around the robot", lo=1.0, hi=100.0)
-    every_scans: int = setting(15, "the network runs once in this many scans", lo=1, hi=10_000)
+    every_scans: int = setting(30, "the network runs once in this many scans", lo=1, hi=10_000)
     max_points: int = setting(
         20_000, "voxels per run; of more, every n-th is taken, others each time", lo=100, hi=10_000_000
     )
