@@ -307,8 +307,11 @@ def completion(shell: str) -> None:
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True)
 @click.option("--seed", default=1, show_default=True, help="Which building.")
 @click.option("--query", default="TV in the laboratory", show_default=True)
-def demo(out: Path, seed: int, query: str) -> int:
+@click.option(
+    "--own-eyes", is_flag=True, help="irsd sees with the networks it ships, not the world's simulated detector."
+)
+def demo(out: Path, seed: int, query: str, own_eyes: bool) -> int:
     """The main job on the embedded world: explore, build the graph, drive to QUERY."""
     from irsd.ctl import demo as demonstration
 
-    return demonstration.run(out, seed, query)
+    return demonstration.run(out, seed, query, own_eyes)

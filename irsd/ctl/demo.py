@@ -70,8 +70,11 @@ class Programs:
             process.kill()
 
 
-def run(folder: Path, seed: int, query: str) -> int:
-    """The whole demo; returns the exit code, 0 only if the robot stands within 0.5 m of the target."""
+def run(folder: Path, seed: int, query: str, own_eyes: bool) -> int:
+    """The whole demo; returns the exit code, 0 only if the robot stands within 0.5 m of the target.
+
+    own_eyes: irsd sees the world's pictures with its own networks, in place of the world's simulated detector.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     began_s = monotonic_s()
     with socket.socket() as probe:
@@ -84,7 +87,8 @@ def run(folder: Path, seed: int, query: str) -> int:
         programs.start("irsd", "irsd", "--robot", ROBOT, "--no-store")
         programs.start("nav_bridge", "nav_bridge", "--robot", ROBOT)
         truth = folder / "truth.json"
-        world = ("irsd.sim", "--robot", ROBOT, "--seed", str(seed), "--truth", str(truth))
+        blind = ("--no-detections",) if own_eyes else ()
+        world = ("irsd.sim", "--robot", ROBOT, "--seed", str(seed), "--truth", str(truth), *blind)
         with _session(target) as session:
             _wait_until_up(session, programs)
             programs.start("world", *world)

@@ -192,6 +192,7 @@ def _arguments() -> argparse.ArgumentParser:
     add("--speed", type=_speed, default=1.0, metavar="M_S", help="top speed in m/s, 0.1 .. 1.5 (1.0)")
     add("--duration", type=float, metavar="S", help="seconds until it ends (for ever)")
     add("--no-explore", action="store_true", help="stand and wait for waypoints instead of exploring first")
+    add("--no-detections", action="store_true", help="pictures only: irsd sees with its own eyes")
     add("--record", type=Path, metavar="FILE.mcap", help="also write all messages to this recording")
     add("--truth", type=Path, metavar="FILE.json", help="write the ground truth")
     return parser
@@ -213,7 +214,7 @@ def main(arguments: list[str] | None = None) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda signum, _frame: stopper.request(f"signal {signum}"))
     try:
-        settings = with_speed(WorldSettings(), options.speed)
+        settings = with_speed(WorldSettings(detections=not options.no_detections), options.speed)
         world = World(options.seed, settings, explore=not options.no_explore)
         if options.truth is not None:
             options.truth.write_text(json.dumps(truth_document(world.building), indent=1) + "\n")

@@ -52,7 +52,8 @@ class WorldMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WorldSettings:
-    """Rates and settings of the parts. yaw_rad turns the building about the start; detector_latency_s: how late detections are."""
+    """Rates and settings of the parts. yaw_rad turns the building about the start; detections: whether a simulated detector looks at
+    the pictures, too; detector_latency_s: how late detections are."""
 
     robot: RobotSettings = field(default_factory=RobotSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
@@ -61,6 +62,7 @@ class WorldSettings:
     camera_period_s: float = 0.2
     odometry_period_s: float = 0.04
     tf_period_s: float = 2.0
+    detections: bool = True
     detector_latency_s: float = 0.1
     look_rad_s: float = 1.5
     yaw_rad: float = 0.0
@@ -298,13 +300,14 @@ class World:
         self._shots += 1
         rng = np.random.default_rng([self._seed, 3, self._shots])
         exposure = eyes.expose(self.now_ns, pose_from_xy_yaw(*self.robot.pose.tolist()), rng)
-        detections = self._detector.detect(self.now_ns, CAMERA_FRAME, exposure.ids_px, rng)
-        ids, info = encode_detections(detections)
-        later_ns = self.now_ns + _ns(self.settings.detector_latency_s)
-        self._late += [
-            WorldMessage(IDS_TOPIC, _IMAGE_TYPE, ids, later_ns),
-            WorldMessage(DETECTIONS_TOPIC, JSON_TYPE, info, later_ns),
-        ]
+        if self.settings.detections:
+            detections = self._detector.detect(self.now_ns, CAMERA_FRAME, exposure.ids_px, rng)
+            ids, info = encode_detections(detections)
+            later_ns = self.now_ns + _ns(self.settings.detector_latency_s)
+            self._late += [
+                WorldMessage(IDS_TOPIC, _IMAGE_TYPE, ids, later_ns),
+                WorldMessage(DETECTIONS_TOPIC, JSON_TYPE, info, later_ns),
+            ]
         picture = encode_compressed_image(exposure.image)
         calibration = encode_camera_info(eyes.camera_model, self.now_ns)
         return [
