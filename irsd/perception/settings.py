@@ -59,7 +59,7 @@ class PerceptionSettings:
     )
     top_labels: int = setting(5, "names with scores that each thing carries", lo=1, hi=100)
     least_mask_score: float = setting(
-        0.3, "masks of the shipped segmenter with a smaller chance are dropped", lo=0.0, hi=1.0
+        0.5, "masks of the shipped segmenter with a smaller chance are dropped", lo=0.0, hi=1.0
     )
     naming: NamingSettings = field(default_factory=NamingSettings)
     views: ViewSettings = field(default_factory=ViewSettings)
