@@ -65,7 +65,7 @@ def frames_of(scene: Scene, shift_m: float = 0.0, rooms: int | None = None) -> I
         pose = scene["frame_pose"][k].astype(np.float64)
         pose[0, 3] += shift_m
         stamp_ns = (k + 1) * PERIOD_NS
-        yield CameraView(stamp_ns, pose, camera, None, None), LiftedView(stamp_ns, masks, NOTHING)
+        yield CameraView(stamp_ns, pose, camera, None, None), LiftedView(stamp_ns, masks, NOTHING, trimmed=False)
 
 
 def rooms_of(scene: Scene) -> Rooms:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.jit import kernel
-from irsd.instances.voxels import CLAIMS, Cells, Floats, Ints, Rows
+from irsd.instances.voxels import CLAIMS, FULL, Cells, Floats, Ints, Rows, Weights
 
 _FEW = 5  # masks from which their spread about the mean is known
 _LEAST_SPREAD = 0.02
@@ -46,7 +46,10 @@ class Things(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """The settings that matching needs, see ``FusionSettings``."""
+    """The settings that matching needs, see ``FusionSettings``, and what the masks so far have taught of their meanings.
+
+    usual_s: least cosine that masks have to what they show, as a rule; truth: mean squared cosine of masks to what they show.
+    """
 
     tau_g: float
     tau_s: float
@@ -59,6 +62,8 @@ class Rules(NamedTuple):
     known: float
     tau_merge: float
     level: float
+    usual_s: float
+    truth: float
 
 
 class Match(NamedTuple):
@@ -110,7 +115,7 @@ def dot(a: Floats, b: Floats, n: int) -> float:
 @kernel
 def is_good(hits: int, seen: int, level: float, rules: Rules) -> bool:
     """Whether a claim's evidence is a fair share of its pictures and of what is typical for its instance."""
-    return hits >= rules.ratio * (seen + 1.0) and hits >= rules.level * level
+    return hits >= rules.ratio * (seen + FULL) and hits >= rules.level * level
 
 
 @kernel
@@ -135,19 +140,19 @@ def candidates(cells: Cells, things: Things, rows: Rows, rules: Rules) -> Rows:
 
 @kernel
 def share_counts(
-    cells: Cells, things: Things, rows: Rows, starts: Ints, shown: Rows, slots: Rows, rules: Rules
-) -> tuple[NDArray[np.int64], Ints]:
-    """(voxels int64 [m, c] that masks share with candidates, visible int64 [c] voxels of each that the picture shows)."""
+    cells: Cells, things: Things, rows: Rows, weights: Weights, starts: Ints, shown: Rows, slots: Rows, rules: Rules
+) -> tuple[NDArray[np.float32], Ints]:
+    """(voxels float32 [m, c] that masks share with candidates, by their weights; visible int64 [c] voxels of each in the picture)."""
     owner, hits, seen, level, column = cells.owner, cells.hits, cells.seen, things.level, things.column
-    shared = np.zeros((len(starts) - 1, len(slots)), np.int64)
+    shared = np.zeros((len(starts) - 1, len(slots)), np.float32)
     visible = np.zeros(len(slots), np.int64)
     for m in range(len(starts) - 1):
         for p in range(starts[m], starts[m + 1]):
-            row = rows[p]
+            row, weight = rows[p], weights[p] * np.float32(1.0 / FULL)
             for c in range(CLAIMS):
                 slot = owner[row, c]
                 if slot >= 0 and column[slot] >= 0 and is_good(hits[row, c], seen[row, c], level[slot], rules):
-                    shared[m, column[slot]] += 1
+                    shared[m, column[slot]] += weight
     for row in shown:
         for c in range(CLAIMS):
             slot = owner[row, c]
@@ -165,11 +170,11 @@ def cosine_to(things: Things, slot: int, meaning: Floats, dim: int) -> float:
 
 
 @kernel
-def usual_cosine(things: Things, slot: int, tau_s: float) -> float:
+def usual_cosine(things: Things, slot: int, rules: Rules) -> float:
     """Least cosine that a mask of this instance has: tau_s, or more where all masks so far were closer to its mean."""
-    n = things.matches[slot]
+    n, tau_s = things.matches[slot], rules.tau_s
     if n < _FEW:
-        return tau_s
+        return max(tau_s, rules.usual_s)
     mean = things.likeness[slot] / n
     spread = np.sqrt(max(things.likeness2[slot] / n - mean * mean, 0.0))
     return float(max(tau_s, mean - 3.0 * max(spread, _LEAST_SPREAD)))
@@ -184,16 +189,16 @@ def may_meet(rooms: Rows, room: int) -> bool:
 @kernel
 def choose(
     things: Things,
-    shared: NDArray[np.int64],
+    shared: Floats,
     visible: Ints,
-    sizes: Ints,
+    sizes: Floats,
     slots: Rows,
     meanings: Floats,
     dims: Rows,
     rooms: Rows,
     rules: Rules,
 ) -> Rows:
-    """Slot [m] that each mask is an observation of, NOBODY = none. sizes: int64 [m] voxels of the masks.
+    """Slot [m] that each mask is an observation of, NOBODY = none. sizes: float32 [m] voxels of the masks, by their weights.
 
     A mask belongs to an instance when their overlap (shared part of the smaller of the two) >= tau_g and their cosine >= tau_s.
     Both masks and labels err: where the two are the same voxels (IoU >= tau_same over what the picture shows), a different
@@ -201,7 +206,7 @@ def choose(
     """
     out = np.full(len(sizes), -1, np.int32)
     worths = np.zeros(len(sizes))
-    tau_s = np.array([usual_cosine(things, slot, rules.tau_s) for slot in slots])
+    tau_s = np.array([usual_cosine(things, slot, rules) for slot in slots])
     for m in range(len(sizes)):
         for c in range(len(slots)):
             both = shared[m, c]
@@ -237,7 +242,7 @@ def part_ways(things: Things, slots: Rows, worths: NDArray[np.float64], part: fl
 
 @kernel
 def count_views(
-    things: Things, shared: NDArray[np.int64], visible: Ints, slots: Rows, chosen: Rows, rules: Rules
+    things: Things, shared: Floats, visible: Ints, slots: Rows, chosen: Rows, rules: Rules
 ) -> Rows:
     """Count the picture for the instances that it shows well enough that they should have been detected, and how they were.
 
@@ -246,7 +251,7 @@ def count_views(
     missed, n = np.empty(len(slots), np.int32), 0
     for c in range(len(slots)):
         slot = slots[c]
-        masks, most = 0, 0
+        masks, most = 0, np.float32(0.0)
         for m in range(len(chosen)):
             if chosen[m] == slot:
                 masks += 1
@@ -264,7 +269,7 @@ def count_views(
 
 
 @kernel
-def covered_pairs(things: Things, shared: NDArray[np.int64], visible: Ints, slots: Rows, rules: Rules) -> Rows:
+def covered_pairs(things: Things, shared: Floats, visible: Ints, slots: Rows, rules: Rules) -> Rows:
     """Pairs [q, 2] of instances of one meaning that one mask covers together, lower id first."""
     n_slots = len(slots)
     pairs = np.empty((len(shared) * n_slots * max(n_slots - 1, 0) // 2, 2), np.int32)
@@ -277,30 +282,31 @@ def covered_pairs(things: Things, shared: NDArray[np.int64], visible: Ints, slot
             if shared[m, a] < least[a]:
                 continue
             for b in range(a + 1, n_slots):
-                if shared[m, b] >= least[b] and alike(things, slots[a], slots[b]) >= rules.tau_merge:
+                if shared[m, b] >= least[b] and alike(things, slots[a], slots[b], rules.truth) >= rules.tau_merge:
                     pairs[n, 0], pairs[n, 1] = slots[a], slots[b]
                     n += 1
     return pairs[:n]
 
 
 @kernel
-def likeness_of(things: Things, slot: int) -> float:
-    """Squared cosine of single observations to what they observe, from the length of their mean: 1 = no noise."""
-    n = float(things.observations[slot])
-    if n < 2:
-        return 1.0
+def likeness_of(things: Things, slot: int, truth: float) -> float:
+    """Squared cosine of single observations to what they observe, from the length of their mean: 1 = no noise.
+
+    As long as there are few it is taken to be the usual one, truth.
+    """
+    n = float(things.matches[slot] + 1)
     resultant = min(things.length[slot] / n, 1.0)
-    return float(max((n * resultant * resultant - 1.0) / (n - 1.0), 0.25))
+    return float(max((n * resultant * resultant - 1.0 + _FEW * truth) / (n - 1.0 + _FEW), 0.25))
 
 
 @kernel
-def alike(things: Things, a: int, b: int) -> float:
+def alike(things: Things, a: int, b: int, truth: float) -> float:
     """Cosine of the meanings of two instances, freed from the noise of their means; 0 where they can't be compared."""
     if things.dim[a] == 0 or things.dim[a] != things.dim[b] or min(things.length[a], things.length[b]) <= 1e-9:
         return 0.0
     cosine = dot(things.mean[a], things.mean[b], things.dim[a]) / (things.length[a] * things.length[b])
     for slot in (a, b):
-        n, q2 = max(float(things.observations[slot]), 1.0), likeness_of(things, slot)
+        n, q2 = float(things.matches[slot] + 1), likeness_of(things, slot, truth)
         cosine *= np.sqrt(1.0 + (1.0 - q2) / (q2 * n))
     return float(min(cosine, 1.0))
 
@@ -310,6 +316,7 @@ def match(
     cells: Cells,
     things: Things,
     rows: Rows,
+    weights: Weights,
     starts: Ints,
     shown: Rows,
     meanings: Floats,
@@ -317,15 +324,19 @@ def match(
     rooms: Rows,
     rules: Rules,
 ) -> Match:
-    """Which instance each mask is an observation of. rows, starts: voxels of the masks; shown: all that the picture shows.
+    """Which instance each mask is an observation of. rows, weights, starts: voxels of the masks; shown: all that the picture shows.
 
     meanings: float32 [m, D] unit vectors, dims: int32 [m] their length (0 = none); rooms: int32 [m, k].
     """
     slots = candidates(cells, things, shown, rules)
-    shared, visible = share_counts(cells, things, rows, starts, shown, slots, rules)
+    shared, visible = share_counts(cells, things, rows, weights, starts, shown, slots, rules)
     for slot in slots:
         things.column[slot] = -1
-    chosen = choose(things, shared, visible, starts[1:] - starts[:-1], slots, meanings, dims, rooms, rules)
+    sizes = np.zeros(len(starts) - 1, np.float32)
+    for m in range(len(sizes)):
+        for p in range(starts[m], starts[m + 1]):
+            sizes[m] += weights[p] * np.float32(1.0 / FULL)
+    chosen = choose(things, shared, visible, sizes, slots, meanings, dims, rooms, rules)
     missed = count_views(things, shared, visible, slots, chosen, rules)
     return Match(chosen, missed, covered_pairs(things, shared, visible, slots, rules))
 

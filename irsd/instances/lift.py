@@ -74,12 +74,14 @@ class LiftedView:
     """All lifted masks of one picture, in the order of their numbers, and what else was certainly seen.
 
     seen_map: float32 [V, 3], the map points that the camera saw away from uncertain mask edges, in a mask or not: where a
-    known instance is absent from its mask, this is the evidence against it. Iterating gives the masks.
+    known instance is absent from its mask, this is the evidence against it. trimmed: uncertain edges were left out of the masks.
+    Iterating gives the masks.
     """
 
     stamp_ns: int
     masks: tuple[LiftedMask, ...]
     seen_map: Floats
+    trimmed: bool = True
 
     def __iter__(self) -> Iterator[LiftedMask]:
         return iter(self.masks)

@@ -16,15 +16,17 @@ from numpy.typing import NDArray
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, KnownThings, Rooms
 from irsd.instances.associate import add_meanings, alike, match
 from irsd.instances.departures import NO_MAP, Departures, Surroundings
+from irsd.instances.habits import Habits
 from irsd.instances.known import known_things
 from irsd.instances.lift import LiftedView
 from irsd.instances.record import Embed, Instance, Names
+from irsd.instances.rim import rim_weights
 from irsd.instances.room_prior import room_of, rooms_of_all
 from irsd.instances.roster import Roster
 from irsd.instances.settings import FusionSettings
 from irsd.instances.settle import Settled, absorb, large_parts, release, settle
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import Floats, Ints, Rows, add_evidence, voxel_keys
+from irsd.instances.voxels import FULL, MOST, Floats, Ints, Rows, Weights, add_evidence, voxel_keys
 
 __all__ = ["FusionSettings", "InstanceMemory"]
 
@@ -40,6 +42,7 @@ class InstanceMemory:
         self.settings = settings
         self._blind = True  # until a picture tells what it saw beside its masks
         self._rules, self._limits = settings.rules(self._blind), settings.limits(self._blind)
+        self._habits = Habits()
         self._names = Names(embed)
         self._voxels = VoxelMemory(settings.voxel_m)
         self._roster = Roster()
@@ -82,7 +85,8 @@ class InstanceMemory:
         points = np.concatenate([m.points_map for m in masks]) if masks else np.zeros((0, 3), np.float32)
         offset = np.zeros(len(masks) + 1, np.int64)
         offset[1:] = np.cumsum([len(m.points_map) for m in masks])
-        rows, starts = self._voxels.gather(points, offset, self._views)
+        rows, starts = self._voxels.gather(points, offset)
+        weights = self._weights(view, lifted, rows, starts)
         shown = self._voxels.sight(rows, lifted.seen_map, self._views)
         vectors = [self._names.vector(m.labels[0][0]) if m.embedding is None else m.embedding for m in masks]
         meanings, dims = self._roster.meanings(vectors)
@@ -90,7 +94,7 @@ class InstanceMemory:
             self._rooms if self.settings.room_prior else None, points, offset, self.settings.cross_share
         )
         things = self._roster.things
-        found = match(self._voxels.cells, things, rows, starts, shown, meanings, dims, mask_rooms, self._rules)
+        found = match(self._voxels.cells, things, rows, weights, starts, shown, meanings, dims, mask_rooms, self._rules)
         slots = found.slots
         self._touched.update((self._roster.by_slot[slot].id, None) for slot in found.missed.tolist())
         self._compare(found.pairs, slots)
@@ -101,7 +105,7 @@ class InstanceMemory:
         # What was matched by what is known of it adds nothing to that.
         measured = np.array([m.measured for m in masks], np.bool_)
         add_meanings(self._roster.things, slots, meanings, dims * measured)
-        self._add_evidence(rows, starts, slots, shown)
+        self._add_evidence(rows, weights, starts, slots, shown)
         self._change.picture(view.map_T_camera, view.stamp_ns, masks, slots, found.missed, lifted.seen_map)
 
     def known(self, points_map: Floats, dimension: int) -> KnownThings:
@@ -140,15 +144,18 @@ class InstanceMemory:
         self._waiting.append(instance.id)
         return instance
 
-    def _add_evidence(self, rows: Rows, starts: Ints, slots: Rows, shown: Rows) -> None:
+    def _weights(self, view: CameraView, lifted: LiftedView, rows: Rows, starts: Ints) -> Weights:
+        """Evidence [P] that voxels are inside their masks."""
+        s = self.settings
+        if lifted.trimmed or s.plain:
+            return np.full(len(rows), FULL, np.uint8)
+        return rim_weights(view, self._voxels.cells.point, rows, starts, s.voxel_m, s.edge_px, s.edge_share)
+
+    def _add_evidence(self, rows: Rows, weights: Weights, starts: Ints, slots: Rows, shown: Rows) -> None:
         """Write one picture into the voxels."""
         things = self._roster.things
-        in_view = np.zeros(len(things.id), np.bool_)
-        in_view[slots] = True
-        voxels = self._voxels
-        fresh, ends = add_evidence(
-            voxels.cells, voxels.counts, rows, starts, slots, shown, in_view, things.observations, self.settings.doubt
-        )
+        cells, counts, doubt = self._voxels.cells, self._voxels.counts, self.settings.doubt
+        fresh, ends = add_evidence(cells, counts, rows, weights, starts, slots, shown, things.observations, doubt)
         for k, slot in enumerate(slots.tolist()):
             new = fresh[ends[k] : ends[k + 1]]
             if len(new):
@@ -186,10 +193,12 @@ class InstanceMemory:
     def collect(self, stamp_ns: int) -> InstanceUpdate:
         """Merge what proved to be one, settle who owns which voxel, and report what changed since the last call."""
         by_id, by_slot = self._roster.by_id, self._roster.by_slot
+        self._rules = self._habits.taught(self._rules)
         touched = [i for i in sorted({*self._touched, *self._change.touched}) if i in by_id]
         self._touched.clear()
         self._change.touched.clear()
         stock = {i: self._settle(by_id[i]) for i in touched}
+        self._habits.learn(self._roster.things, np.array([by_id[i].slot for i in touched], np.int64))
         for instance_id in touched:
             if instance_id in by_id:
                 self._merge_around(by_id[instance_id], stock)
@@ -228,12 +237,17 @@ class InstanceMemory:
                 for s, both in zip(mine.others.tolist(), mine.both.tolist(), strict=True)
                 if s in by_slot
             }
+            touch = {
+                by_slot[s].id: t for s, t in zip(mine.others.tolist(), mine.touch.tolist(), strict=True) if s in by_slot
+            }
             for other_id in sorted(shared.keys() | instance.beside.keys()):
                 other = by_id[other_id]
                 if other_id not in stock:
                     stock[other_id] = self._settle(other)
-                if self._seen_as_one(instance, other) or self._are_one(
-                    instance, mine.mine, other, stock[other_id].mine, shared.get(other_id, 0)
+                if (
+                    self._seen_as_one(instance, other)
+                    or self._are_one(instance, mine.mine, other, stock[other_id].mine, shared.get(other_id, 0))
+                    or self._are_parts(instance, other, touch.get(other_id, 0))
                 ):
                     pair = sorted((instance, other), key=self._seniority)
                     instance = self._absorb(*pair)
@@ -269,7 +283,17 @@ class InstanceMemory:
         parted = s.room_prior and 0 not in (a_room, b_room) and a_room != b_room
         if parted or both < overlap * min(a_size, b_size):
             return False
-        return bool(alike(things, a.slot, b.slot) >= cosine)
+        return bool(alike(things, a.slot, b.slot, self._rules.truth) >= cosine)
+
+    def _are_parts(self, a: Instance, b: Instance, touch: int) -> bool:
+        """Sides of one thing, seen from different places: they touch, mean the same, and never had two masks in one picture."""
+        s, things = self.settings, self._roster.things
+        if s.plain or touch < s.touch_voxels or a.beside.get(b.id, (0, 0))[1]:
+            return False
+        a_room, b_room = int(things.room[a.slot]), int(things.room[b.slot])
+        if s.room_prior and 0 not in (a_room, b_room) and a_room != b_room:
+            return False
+        return bool(alike(things, a.slot, b.slot, self._rules.truth) >= s.tau_merge)
 
     def _absorb(self, kept: Instance, gone: Instance) -> Instance:
         """All evidence of ``gone`` becomes that of ``kept``."""
@@ -306,7 +330,10 @@ class InstanceMemory:
         slack = 0.5 if instance.published else 1.0
         existence, seen = self._roster.existence(instance.slot), int(things.observations[instance.slot])
         confirmed = (
-            (seen >= s.min_observations or (self._blind and seen >= 2 and existence >= s.early_existence * slack))
+            (
+                seen >= s.min_observations
+                or (self._blind and seen >= s.early_observations and existence >= s.early_existence * slack)
+            )
             and owned >= s.min_voxels * slack
             and owned >= s.min_owned * slack * things.size[instance.slot]
             and (s.plain or existence >= s.min_existence * slack)
@@ -378,15 +405,15 @@ class InstanceMemory:
                 meanings, dims = self._roster.meanings([state.embedding * np.float32(state.observations)])
                 things = self._roster.things
                 add_meanings(things, slot, meanings, dims)
-            cells.point[rows], cells.mass[rows] = state.points_map[first], state.observations
+            cells.point[rows], cells.mass[rows] = state.points_map[first], min(state.observations, 255)
             offset = np.array([0, len(rows)], np.int64)
-            none = np.zeros(len(things.id), np.bool_)
-            add_evidence(cells, self._voxels.counts, rows, offset, slot, rows[:0], none, things.observations, 0.0)
+            full = np.full(len(rows), FULL, np.uint8)
+            add_evidence(cells, self._voxels.counts, rows, full, offset, slot, rows[:0], things.observations, 0.0)
             mine = cells.owner[rows] == instance.slot
-            count = min(state.observations, 60_000)
+            count = min(state.observations * FULL, MOST)
             cells.hits[rows] = np.where(mine, count, cells.hits[rows])
             cells.seen[rows] = np.where(mine, count, cells.seen[rows])
-            cells.views[rows] = np.maximum(cells.views[rows], state.observations)
+            cells.views[rows] = np.maximum(cells.views[rows], min(state.observations, MOST))
             instance.rows, instance.owned = [rows], rows
             things.level[slot], things.size[slot] = count, len(rows)
             self._change.expect(instance)

@@ -33,6 +33,10 @@ class FusionSettings:
     doubt: float = setting(
         1.0, "share of earlier sightings without a claim that count against a new claim", lo=0.0, hi=1.0
     )
+    edge_px: float = setting(
+        6.0, "masks that come as points with their uncertain edges: full evidence begins this far inside", lo=0.0, hi=50.0
+    )
+    edge_share: float = setting(0.8, "or at this share of the mask's half width, if that is less", lo=0.0, hi=1.0)
     cover_share: float = setting(
         0.5, "a mask covers an instance with this share of what is visible of it", lo=0.0, hi=1.0
     )
@@ -64,6 +68,10 @@ class FusionSettings:
         lo=0.0,
         hi=1.0,
     )
+    early_observations: int = setting(
+        1, "where misses can't be seen: so many pictures are enough, existence permitting", lo=1, hi=1000
+    )
+    touch_voxels: int = setting(10, "voxels that parts of one thing claim both, at least", lo=1, hi=10_000)
     min_voxels: int = setting(5, "voxels an instance must own to be published", lo=1, hi=100_000)
     min_owned: float = setting(0.3, "least share of its good voxels that an instance must own", lo=0.0, hi=1.0)
     visible_share: float = setting(
@@ -84,7 +92,8 @@ class FusionSettings:
         """What matching needs. blind: the pictures do not tell what they saw beside their masks."""
         if self.plain:
             return Rules(
-                self.tau_g, self.tau_s, 2.0, 0.0, self.cover_share, self.visible_share, 2.0, 1.0, 0.0, self.tau_s, 0.0
+                self.tau_g, self.tau_s, 2.0, 0.0, self.cover_share, self.visible_share, 2.0, 1.0, 0.0, self.tau_s, 0.0,
+                -1.0, 1.0,
             )
         return Rules(
             self.tau_g, self.tau_s, self.tau_same, self.merge_ratio, self.cover_share, self.visible_share, self.part_ratio,
@@ -92,10 +101,12 @@ class FusionSettings:
             self.known_share if blind else 0.0,
             self.tau_merge,
             self.merge_ratio if blind else 0.0,
+            self.tau_s,
+            1.0,
         )  # fmt: skip
 
     def limits(self, blind: bool) -> Limits:
         """What settling needs. Where pictures tell all that they saw, misses are counted and typical hits are not needed."""
         if blind:
-            return Limits(self.own_ratio, self.own_level, 1.5, 2.0, self.plain, self.merge_ratio, self.merge_ratio)
+            return Limits(self.own_ratio, self.own_level, 0.0, 0.9, self.plain, self.merge_ratio, self.merge_ratio)
         return Limits(self.own_ratio, 0.0, 0.0, 1.0, self.plain, self.merge_ratio, 0.0)

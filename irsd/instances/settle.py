@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from irsd.core.jit import kernel
 from irsd.instances.associate import Things
-from irsd.instances.voxels import CLAIMS, Cells, Floats, Ints, Rows
+from irsd.instances.voxels import CLAIMS, FULL, MOST, Cells, Floats, Ints, Rows
 
 _HALF = 13  # neighbours of a cell in a half space
 _MOST_OTHERS = 256  # neighbours of one instance that are looked at
@@ -40,7 +40,7 @@ class Settled(NamedTuple):
     """rows: those the instance claims now; owned: those it owns; typical: hits; good: voxels with good evidence.
 
     others int32 [k] slots that contest its rows, both int64 [k]: rows on which the two have good evidence for merging,
-    mine: rows on which it has such evidence.
+    touch int64 [k]: rows that both claim; mine: rows on which it has good evidence.
     """
 
     rows: Rows
@@ -49,13 +49,14 @@ class Settled(NamedTuple):
     good: int
     others: Rows
     both: Ints
+    touch: Ints
     mine: int
 
 
 @kernel
 def least_hits(typical: float, limits: Limits) -> float:
     """Hits that spill does not reach: a share of what is typical, more of it where all is still few."""
-    return limits.level * typical + min(limits.base, limits.level * typical)
+    return limits.level * typical + min(limits.base * FULL, limits.level * typical)
 
 
 @kernel
@@ -63,15 +64,15 @@ def worth(hits: float, seen: float, typical: float, limits: Limits) -> float:
     """Weight of a claim for owning its voxel: hits times their share; 0 when it has not enough evidence."""
     if limits.plain:
         return hits
-    if hits < limits.own * (seen + 1.0) or hits < max(limits.floor, least_hits(typical, limits)):
+    if hits < limits.own * (seen + FULL) or hits < max(limits.floor * FULL, least_hits(typical, limits)):
         return 0.0
-    return hits * hits / (seen + 1.0)
+    return hits * hits / (seen + FULL)
 
 
 @kernel
 def fair(hits: float, seen: float, typical: float, limits: Limits) -> bool:
     """Whether a claim counts for merging."""
-    return limits.plain or (hits >= limits.ratio * (seen + 1.0) and hits >= limits.fair * typical)
+    return limits.plain or (hits >= limits.ratio * (seen + FULL) and hits >= limits.fair * typical)
 
 
 @kernel
@@ -110,6 +111,7 @@ def settle(cells: Cells, things: Things, chunk: Rows, ascending: int, slot: int,
     typical = squares / total if total > 0 else 0.0
     owned = np.empty(len(rows), np.int32)
     others, both = np.empty(_MOST_OTHERS, np.int32), np.zeros(_MOST_OTHERS, np.int64)
+    touch = np.zeros(_MOST_OTHERS, np.int64)
     n_owned = n_others = good = mine = 0
     for k in range(len(rows)):
         row = rows[k]
@@ -127,8 +129,6 @@ def settle(cells: Cells, things: Things, chunk: Rows, ascending: int, slot: int,
             if not limits.plain and (rival > weight or (rival == weight and ids[other] < ids[slot])):
                 best = False
             meet = counts and fair(hits, seen, levels[other], limits)
-            if not meet and (weight == 0 or rival == 0):
-                continue
             at = 0
             while at < n_others and others[at] != other:
                 at += 1
@@ -136,10 +136,14 @@ def settle(cells: Cells, things: Things, chunk: Rows, ascending: int, slot: int,
                 others[at] = other
                 n_others = max(n_others, at + 1)
                 both[at] += meet
+                touch[at] += 1
         if best:
             owned[n_owned] = row
             n_owned += 1
-    return Settled(rows, owned[:n_owned].copy(), typical, good, others[:n_others].copy(), both[:n_others].copy(), mine)
+    k = n_others
+    return Settled(
+        rows, owned[:n_owned].copy(), typical, good, others[:k].copy(), both[:k].copy(), touch[:k].copy(), mine
+    )
 
 
 @kernel
@@ -153,8 +157,8 @@ def absorb(cells: Cells, rows: Rows, kept: int, gone: int) -> None:
             elif cells.owner[row, c] == gone:
                 his = c
         if his >= 0 and mine >= 0:
-            cells.hits[row, mine] = min(int(cells.hits[row, mine]) + int(cells.hits[row, his]), 60_000)
-            cells.seen[row, mine] = min(int(cells.seen[row, mine]) + int(cells.seen[row, his]), 60_000)
+            cells.hits[row, mine] = min(int(cells.hits[row, mine]) + int(cells.hits[row, his]), MOST)
+            cells.seen[row, mine] = min(int(cells.seen[row, mine]) + int(cells.seen[row, his]), MOST)
             cells.owner[row, his] = -1
             cells.hits[row, his] = 0
         elif his >= 0:
@@ -192,12 +196,15 @@ def connected_parts(points: Floats, link_m: float) -> Ints:
         places *= 2
     keys, numbers = np.full(places, -1, np.int64), np.zeros(places, np.int64)
     cell_of, cells, used = np.empty(n, np.int64), np.empty(n, np.int64), 0
+    last_key, at = -1, 0
     for p in range(n):
         i = int(np.floor(np.float64(points[p, 0]) / link_m)) + (1 << 20)
         j = int(np.floor(np.float64(points[p, 1]) / link_m)) + (1 << 20)
         k = int(np.floor(np.float64(points[p, 2]) / link_m)) + (1 << 20)
         key = (i << 42) | (j << 21) | k
-        at = cell_place(keys, key)
+        if key != last_key:
+            at = cell_place(keys, key)
+            last_key = key
         if keys[at] < 0:
             keys[at], numbers[at] = key, used
             cells[used] = key

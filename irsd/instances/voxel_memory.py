@@ -5,30 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 from irsd.instances.voxels import (
-    EMPTY,
-    NOBODY,
     Cells,
     Floats,
     Ints,
     Rows,
-    drop_key,
-    enter_rows,
+    drop_rows,
+    find_all,
     gather,
     new_cells,
     new_table,
     owners,
     refill,
-    rows_of,
     sight,
+    take_rows,
 )
 
 _LOAD = 2  # places of the table per row, at least
+_LAST_STAMP = 1 << 30
 
 
 class VoxelMemory:
     """Voxel rows by key. Rows keep their number until they are freed."""
 
-    def __init__(self, voxel_m: float, capacity: int = 65_536) -> None:
+    def __init__(self, voxel_m: float, capacity: int = 1 << 18) -> None:
         self.per_m = 1.0 / voxel_m
         self.cells = new_cells(capacity)
         self._table = new_table(_bits_for(capacity))
@@ -38,10 +37,12 @@ class VoxelMemory:
     def __len__(self) -> int:
         return int(self.counts[0] - self.counts[1])
 
-    def gather(self, points: Floats, offset: Ints, view: int) -> tuple[Rows, Ints]:
+    def gather(self, points: Floats, offset: Ints) -> tuple[Rows, Ints]:
         """See ``voxels.gather``: the voxels of masks, new ones included."""
         self._reserve(len(points))
-        return gather(self._table, self.cells, self.counts, self._free, points, offset, self.per_m, view)
+        if self.counts[2] > _LAST_STAMP:  # stamps begin anew
+            self.cells.stamp[:] = self.counts[2] = 0
+        return gather(self._table, self.cells, self.counts, self._free, points, offset, self.per_m)
 
     def sight(self, rows: Rows, points: Floats, view: int) -> Rows:
         """See ``voxels.sight``: all known voxels that a picture shows."""
@@ -53,22 +54,18 @@ class VoxelMemory:
 
     def find(self, keys: Ints) -> Rows:
         """Rows [N] of keys [N], -1 where a voxel has none."""
-        return rows_of(self._table, keys)
+        return find_all(self._table, self.cells.key, keys)
 
     def insert(self, keys: Ints) -> Rows:
         """Rows [N] of unique keys [N]; those without one get one."""
         self._reserve(len(keys))
-        return enter_rows(self._table, self.cells, self.counts, self._free, keys)
+        rows = self.find(keys)
+        take_rows(self._table, self.cells, self.counts, self._free, keys, rows)
+        return rows
 
     def drop(self, rows: Rows) -> None:
         """Free rows: their keys are forgotten, their claims with them."""
-        for row in rows.tolist():
-            drop_key(self._table, self.cells.key[row])
-            self._free[self.counts[1]] = row
-            self.counts[1] += 1
-        self.cells.key[rows] = EMPTY
-        self.cells.owner[rows] = NOBODY
-        self.cells.frame[rows] = self.cells.stamp[rows] = 0
+        drop_rows(self._table, self.cells, self.counts, self._free, rows)
 
     def _reserve(self, more: int) -> None:
         rows = int(self.counts[0]) + more  # as if nothing could be reused: no more than one growth too early
@@ -79,9 +76,9 @@ class VoxelMemory:
                 getattr(self.cells, name)[: len(getattr(old, name))] = getattr(old, name)
             free, self._free = self._free, np.zeros(size, np.int32)
             self._free[: len(free)] = free
-        if _LOAD * rows > len(self._table.key):
+        if _LOAD * rows > len(self._table):
             self._table = new_table(_bits_for(rows))
-            refill(self._table, self.cells)
+            refill(self._table, self.cells.key)
 
 
 def _bits_for(rows: int) -> int:

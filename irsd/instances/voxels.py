@@ -2,7 +2,7 @@
 
 A row has a few claims; a claim holds an instance (by its slot) and the evidence for "this voxel belongs to it": in how many
 pictures it lay inside the instance's mask (``hits``) and in how many of the pictures that showed the instance it was seen at all
-(``seen``). Neighbours in space lie side by side in the table, so that a mask's look-ups stay in the cache.
+(``seen``), both in sixteenths of a picture: near the edge of a mask a voxel may not belong to it. Neighbours in space lie side by side in the table, so that a mask's look-ups stay in the cache.
 """
 
 from __future__ import annotations
@@ -17,56 +17,53 @@ from irsd.core.jit import kernel
 Ints = NDArray[np.int64]
 Rows = NDArray[np.int32]
 Floats = NDArray[np.float32]
+Counts = NDArray[np.uint16]
+Weights = NDArray[np.uint8]
 
 CLAIMS = 4  # instances that can claim one voxel; the weakest claim gives way to a new one
 EMPTY = 0  # the key of a corner 2^20 voxels away: never used; zero, so that fresh memory needs no filling
 NOBODY = -1
+FULL = 16  # evidence of one picture that certainly shows a voxel inside a mask; near the mask's edge it is less
 _BITS = 21
 _OFFSET = 1 << (_BITS - 1)
 _LOW = (1 << _BITS) - 1
 _BLOCK = 64  # places of the table that the 4 x 4 x 4 voxels of one block start from
-_MOST = 60_000  # evidence is halved before a count of 16 bits could overflow
-
-
-class Table(NamedTuple):
-    """Open addressing: key int64 [T] (EMPTY = free) and its row int32 [T]; T is a power of two."""
-
-    key: Ints
-    row: Rows
+MOST = 60_000  # evidence is halved before a count of 16 bits could overflow
+_WORDS = 16  # 32-bit words of a row: one line of the cache
+_STEADY = 255  # points after which a voxel's mean position follows new ones at a fixed rate
 
 
 class Cells(NamedTuple):
-    """Per row: key int64 [R] (EMPTY = unused), point float32 [R, 3] mean position, mass int32 [R] points in it, owner int32 [R, C]
-    slot or NOBODY, hits and seen uint16 [R, C], views int32 [R] pictures that saw it, stamp int32 [R], frame int32 [R] last picture.
+    """Per row: key int64 [R] (EMPTY = unused), point float32 [R, 3] mean position, owner int32 [R, C] slot or NOBODY, hits and seen
+    uint16 [R, C] evidence (FULL a picture), stamp int32 [R], frame int32 [R] last picture, views uint16 [R] pictures that saw it,
+    mass uint16 [R] points in it. Views of one array in which a row is one line of the cache.
     """
 
     key: Ints
     point: Floats
-    mass: Rows
     owner: Rows
-    hits: NDArray[np.uint16]
-    seen: NDArray[np.uint16]
-    views: Rows
+    hits: Counts
+    seen: Counts
     stamp: Rows
     frame: Rows
+    views: Counts
+    mass: Counts
 
 
-def new_table(bits: int) -> Table:
-    return Table(np.zeros(1 << bits, np.int64), np.zeros(1 << bits, np.int32))
+def new_table(bits: int) -> Rows:
+    """Open addressing: 1 + row int32 [2^bits] of a key, 0 = free; the keys themselves are those of the rows."""
+    return np.zeros(1 << bits, np.int32)
 
 
 def new_cells(capacity: int) -> Cells:
+    raw = np.zeros((capacity + 1) * _WORDS, np.int32)
+    start = -(raw.ctypes.data // 4) % _WORDS
+    words = raw[start : start + capacity * _WORDS].reshape(capacity, _WORDS)
+    halves = words.view(np.uint16)
     return Cells(
-        np.zeros(capacity, np.int64),
-        np.zeros((capacity, 3), np.float32),
-        np.zeros(capacity, np.int32),
-        np.zeros((capacity, CLAIMS), np.int32),
-        np.zeros((capacity, CLAIMS), np.uint16),
-        np.zeros((capacity, CLAIMS), np.uint16),
-        np.zeros(capacity, np.int32),
-        np.zeros(capacity, np.int32),
-        np.zeros(capacity, np.int32),
-    )
+        words.view(np.int64)[:, 0], words.view(np.float32)[:, 2:5], words[:, 5:9], halves[:, 18:22], halves[:, 22:26],
+        words[:, 13], words[:, 14], halves[:, 30], halves[:, 31],
+    )  # fmt: skip
 
 
 def voxel_keys(points: Floats, per_m: float) -> Ints:
@@ -99,70 +96,57 @@ def home(key: int, places: int) -> int:
 
 
 @kernel
-def find_key(table_key: Ints, table_row: Rows, key: int) -> int:
-    """Row of a key, -1 where it has none."""
-    places = len(table_key)
+def find_key(table: Rows, keys: Ints, key: int) -> int:
+    """Row of a key, -1 where it has none. keys: int64 [R] by row."""
+    places = len(table)
     at = home(key, places)
     while True:
-        there = table_key[at]
-        if there == key:
-            return int(table_row[at])
-        if there == EMPTY:
-            return -1
+        row = table[at] - 1
+        if row < 0 or keys[row] == key:
+            return int(row)
         at = (at + 1) & (places - 1)
 
 
 @kernel
-def enter_key(table_key: Ints, table_row: Rows, key: int, row: int) -> None:
-    places = len(table_key)
+def enter_key(table: Rows, key: int, row: int) -> None:
+    places = len(table)
     at = home(key, places)
-    while table_key[at] != EMPTY:
+    while table[at] > 0:
         at = (at + 1) & (places - 1)
-    table_key[at] = key
-    table_row[at] = row
+    table[at] = row + 1
 
 
 @kernel
-def drop_key(table: Table, key: int) -> None:
+def drop_key(table: Rows, keys: Ints, key: int) -> None:
     """Take a key out and close the gap, so that no search that passed it ends early."""
-    places = len(table.key)
+    places = len(table)
     at = home(key, places)
-    while table.key[at] != key:
-        if table.key[at] == EMPTY:
+    while table[at] == 0 or keys[table[at] - 1] != key:
+        if table[at] == 0:
             return
         at = (at + 1) & (places - 1)
     gap = at
     while True:
         at = (at + 1) & (places - 1)
-        if table.key[at] == EMPTY:
+        if table[at] == 0:
             break
-        start = home(table.key[at], places)
+        start = home(keys[table[at] - 1], places)
         if ((at - start) & (places - 1)) >= ((at - gap) & (places - 1)):
-            table.key[gap], table.row[gap] = table.key[at], table.row[at]
+            table[gap] = table[at]
             gap = at
-    table.key[gap] = EMPTY
+    table[gap] = 0
 
 
 @kernel
-def refill(table: Table, cells: Cells) -> None:
+def refill(table: Rows, keys: Ints) -> None:
     """Enter all rows in use into an empty table."""
-    for row in range(len(cells.key)):
-        if cells.key[row] != EMPTY:
-            enter_key(table.key, table.row, cells.key[row], row)
+    for row in range(len(keys)):
+        if keys[row] != EMPTY:
+            enter_key(table, keys[row], row)
 
 
 @kernel
-def take_row(
-    table_key: Ints,
-    table_row: Rows,
-    key_of: Ints,
-    owner: Rows,
-    count: Rows,
-    views: Rows,
-    counts: Ints,
-    free: Rows,
-    key: int,
-) -> int:
+def take_row(table: Rows, cells: Cells, counts: Ints, free: Rows, key: int) -> int:
     """A row for a new key. counts: int64 [3], rows ever used, free rows on the stack ``free``, stamps given."""
     if counts[1] > 0:
         counts[1] -= 1
@@ -170,71 +154,74 @@ def take_row(
     else:
         row = int(counts[0])
         counts[0] += 1
-    key_of[row] = key
-    count[row] = 0
-    views[row] = 0
+    cells.key[row] = key
+    cells.mass[row] = cells.views[row] = 0
+    cells.frame[row] = cells.stamp[row] = 0
     for c in range(CLAIMS):
-        owner[row, c] = NOBODY
-    enter_key(table_key, table_row, key, row)
+        cells.owner[row, c] = NOBODY
+        cells.hits[row, c] = cells.seen[row, c] = 0
+    enter_key(table, key, row)
     return row
 
 
 @kernel
-def rows_of(table: Table, keys: Ints) -> Rows:
-    """Rows [N] of keys [N], -1 where a voxel has none."""
-    rows = np.empty(len(keys), np.int32)
-    for k in range(len(keys)):
-        rows[k] = find_key(table.key, table.row, keys[k])
-    return rows
+def find_all(table: Rows, keys: Ints, wanted: Ints) -> Rows:
+    """Rows int32 [N] of keys [N], -1 where a voxel has none."""
+    out = np.empty(len(wanted), np.int32)
+    for k in range(len(wanted)):
+        out[k] = find_key(table, keys, wanted[k])
+    return out
 
 
 @kernel
-def enter_rows(table: Table, cells: Cells, counts: Ints, free: Rows, keys: Ints) -> Rows:
-    """Rows [N] of keys [N]; those without one get one. counts, free: see ``take_row``."""
-    rows = rows_of(table, keys)
+def take_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, keys: Ints, rows: Rows) -> None:
+    """Rows for those of unique keys [N] that have none: rows int32 [N], -1 there, is completed."""
     for k in range(len(keys)):
         if rows[k] < 0:
-            rows[k] = take_row(
-                table.key, table.row, cells.key, cells.owner, cells.mass, cells.views, counts, free, keys[k]
-            )
-    return rows
+            rows[k] = take_row(table, cells, counts, free, keys[k])
+
+
+@kernel
+def drop_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, rows: Rows) -> None:
+    """Free rows: their keys are forgotten, their claims with them."""
+    for row in rows:
+        drop_key(table, cells.key, cells.key[row])
+        cells.key[row] = EMPTY
+        for c in range(CLAIMS):
+            cells.owner[row, c] = NOBODY
+        free[counts[1]] = row
+        counts[1] += 1
 
 
 @kernel
 def gather(
-    table: Table, cells: Cells, counts: Ints, free: Rows, points: Floats, offset: Ints, per_m: float, view: int
+    table: Rows, cells: Cells, counts: Ints, free: Rows, points: Floats, offset: Ints, per_m: float
 ) -> tuple[Rows, Ints]:
     """The voxels of masks: (rows int32 [P], unique within a mask, offsets int64 [m + 1]). New voxels get rows.
 
     points: float32 [N, 3], those of mask k at offset[k]:offset[k + 1]. Adds the points to the voxels' mean positions.
     """
-    table_key, table_row, point, count, stamp = table.key, table.row, cells.point, cells.mass, cells.stamp
+    keys, point, mass, stamp = cells.key, cells.point, cells.mass, cells.stamp
     rows = np.empty(len(points), np.int32)
     starts = np.zeros(len(offset), np.int64)
     n = 0
-    last_key, last_row = EMPTY, -1
+    last_key, row = EMPTY, -1
     for m in range(len(offset) - 1):
         counts[2] += 1
         for p in range(offset[m], offset[m + 1]):
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
             key = pack_key(x, y, z, per_m)
             if key != last_key:
-                last_row = find_key(table_key, table_row, key)
-                if last_row < 0:
-                    last_row = take_row(
-                        table_key, table_row, cells.key, cells.owner, count, cells.views, counts, free, key
-                    )
+                row = find_key(table, keys, key)
+                if row < 0:
+                    row = take_row(table, cells, counts, free, key)
                 last_key = key
-            row = last_row
-            have = count[row]
-            if have == 0:
-                point[row, 0], point[row, 1], point[row, 2] = x, y, z
-            else:
-                share = np.float32(1.0 / (min(have, 255) + 1.0))
-                point[row, 0] += (x - point[row, 0]) * share
-                point[row, 1] += (y - point[row, 1]) * share
-                point[row, 2] += (z - point[row, 2]) * share
-            count[row] = have + 1
+            have = mass[row]
+            share = np.float32(1.0) / np.float32(have + 1)
+            point[row, 0] += (x - point[row, 0]) * share
+            point[row, 1] += (y - point[row, 1]) * share
+            point[row, 2] += (z - point[row, 2]) * share
+            mass[row] = min(have + 1, _STEADY)
             if stamp[row] != counts[2]:
                 stamp[row] = counts[2]
                 rows[n] = row
@@ -244,15 +231,15 @@ def gather(
 
 
 @kernel
-def sight(table: Table, cells: Cells, rows: Rows, points: Floats, per_m: float, view: int) -> Rows:
+def sight(table: Rows, cells: Cells, rows: Rows, points: Floats, per_m: float, view: int) -> Rows:
     """Unique rows [S] that a picture shows: those of its masks (rows) and the known voxels of points [N, 3]; each is one view more."""
-    table_key, table_row, frame, views = table.key, table.row, cells.frame, cells.views
+    keys, frame, views = cells.key, cells.frame, cells.views
     shown = np.empty(len(rows) + len(points), np.int32)
     n = 0
     for row in rows:
         if frame[row] != view:
             frame[row] = view
-            views[row] += 1
+            views[row] = min(views[row] + 1, MOST)
             shown[n] = row
             n += 1
     last = EMPTY
@@ -261,21 +248,21 @@ def sight(table: Table, cells: Cells, rows: Rows, points: Floats, per_m: float, 
         if key == last:
             continue
         last = key
-        row = find_key(table_key, table_row, key)
+        row = find_key(table, keys, key)
         if row >= 0 and frame[row] != view:
             frame[row] = view
-            views[row] += 1
+            views[row] = min(views[row] + 1, MOST)
             shown[n] = row
             n += 1
     return shown[:n]
 
 
 @kernel
-def owners(table: Table, cells: Cells, points: Floats, per_m: float) -> Rows:
+def owners(table: Rows, cells: Cells, points: Floats, per_m: float) -> Rows:
     """Slot int32 [K] of the best claim on each point's voxel, -1 where nobody has one."""
     out = np.full(len(points), -1, np.int32)
     for p in range(len(points)):
-        row = find_key(table.key, table.row, pack_key(points[p, 0], points[p, 1], points[p, 2], per_m))
+        row = find_key(table, cells.key, pack_key(points[p, 0], points[p, 1], points[p, 2], per_m))
         if row < 0:
             continue
         best = 0.0
@@ -288,7 +275,7 @@ def owners(table: Table, cells: Cells, points: Floats, per_m: float) -> Rows:
 
 
 @kernel
-def halve(hits: NDArray[np.uint16], seen: NDArray[np.uint16], row: int) -> None:
+def halve(hits: Counts, seen: Counts, row: int) -> None:
     """Keep the ratios of evidence and make room for more."""
     for c in range(CLAIMS):
         hits[row, c] = (hits[row, c] + 1) >> 1
@@ -300,26 +287,30 @@ def add_evidence(
     cells: Cells,
     counts: Ints,
     rows: Rows,
+    weights: Weights,
     starts: Ints,
     slots: Rows,
     shown: Rows,
-    in_view: NDArray[np.bool_],
     observations: Rows,
     doubt: float,
 ) -> tuple[Rows, Ints]:
     """Write one picture. Returns the rows newly claimed, by mask: (rows [Q], offsets [m + 1]).
 
-    slots: int32 [m] the instance of each mask; in_view: bool [cap], True for those slots; observations: int32 [cap]. A new claim
-    starts with ``doubt`` times the earlier pictures that saw the voxel and the instance, without a hit.
+    rows, weights, starts: voxels of the masks and the evidence that each is inside, of FULL; slots: int32 [m] the instance of each
+    mask; observations: int32 [cap]. A new claim starts with ``doubt`` times the earlier pictures that saw the voxel and the
+    instance, without a hit.
     """
     owner, hits, seen, views, stamp = cells.owner, cells.hits, cells.seen, cells.views, cells.stamp
+    in_view = np.zeros(len(observations), np.bool_)
+    for slot in slots:
+        in_view[slot] = True
     for row in shown:
         for c in range(CLAIMS):
             slot = owner[row, c]
             if slot >= 0 and in_view[slot]:
-                if seen[row, c] >= _MOST:
+                if seen[row, c] >= MOST:
                     halve(hits, seen, row)
-                seen[row, c] += 1
+                seen[row, c] += FULL
     fresh = np.empty(len(rows), np.int32)
     ends = np.zeros(len(starts), np.int64)
     n = 0
@@ -338,8 +329,8 @@ def add_evidence(
                     if stamp[row] == counts[2]:
                         continue
                     stamp[row] = counts[2]
-                    before = doubt * max(min(views[row], observations[slot]) - 1, 0)
-                    if claim(owner, hits, seen, row, slot, before):
+                    before = doubt * max(min(int(views[row]), observations[slot]) - 1, 0)
+                    if claim(owner, hits, seen, row, slot, int(weights[p]), before):
                         fresh[n] = row
                         n += 1
         ends[m + 1] = n
@@ -347,17 +338,17 @@ def add_evidence(
 
 
 @kernel
-def claim(owner: Rows, hits: NDArray[np.uint16], seen: NDArray[np.uint16], row: int, slot: int, before: float) -> bool:
+def claim(owner: Rows, hits: Counts, seen: Counts, row: int, slot: int, weight: int, before: float) -> bool:
     """One more hit of a slot in a row; True when the claim is new. ``seen`` of old claims is counted apart."""
     weakest, least = 0, 1 << 30
     for c in range(CLAIMS):
         if owner[row, c] == slot:
-            hits[row, c] += 1
+            hits[row, c] += weight
             return False
         strength = -1 if owner[row, c] < 0 else int(hits[row, c])
         if strength < least:
             weakest, least = c, strength
     owner[row, weakest] = slot
-    hits[row, weakest] = 1
-    seen[row, weakest] = min(1 + int(before + 0.5), _MOST)
+    hits[row, weakest] = weight
+    seen[row, weakest] = min(FULL * (1 + int(before + 0.5)), MOST)
     return True
