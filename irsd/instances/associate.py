@@ -241,9 +241,7 @@ def part_ways(things: Things, slots: Rows, worths: NDArray[np.float64], part: fl
 
 
 @kernel
-def count_views(
-    things: Things, shared: Floats, visible: Ints, slots: Rows, chosen: Rows, rules: Rules
-) -> Rows:
+def count_views(things: Things, shared: Floats, visible: Ints, slots: Rows, chosen: Rows, rules: Rules) -> Rows:
     """Count the picture for the instances that it shows well enough that they should have been detected, and how they were.
 
     Returns the slots of those that were not.

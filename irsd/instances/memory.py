@@ -122,6 +122,7 @@ class InstanceMemory:
         if instance.last_view != self._views:  # both halves of a split mask are one observation
             self._roster.things.observations[instance.slot] += 1
             instance.last_view = self._views
+            instance.views.append(self._views)
         instance.last_seen_ns = stamp_ns
         for name, score in labels:
             instance.add_label(name, self._names.group(name), score)
@@ -288,7 +289,7 @@ class InstanceMemory:
     def _are_parts(self, a: Instance, b: Instance, touch: int) -> bool:
         """Sides of one thing, seen from different places: they touch, mean the same, and never had two masks in one picture."""
         s, things = self.settings, self._roster.things
-        if s.plain or touch < s.touch_voxels or a.beside.get(b.id, (0, 0))[1]:
+        if s.plain or touch < s.touch_voxels or a.seen_beside(b):
             return False
         a_room, b_room = int(things.room[a.slot]), int(things.room[b.slot])
         if s.room_prior and 0 not in (a_room, b_room) and a_room != b_room:

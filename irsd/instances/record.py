@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -12,6 +13,7 @@ from irsd.instances.voxels import Floats, Rows
 
 Embed = Callable[[Sequence[str]], NDArray[np.float32]]
 
+_VIEWS = 16
 _SAME_NAME = 0.98  # label vectors closer than this are one name in other words (aliases map to the same vector)
 
 
@@ -48,7 +50,7 @@ class Instance:
     ascending: so many rows of the first chunk are in order.
 
     beside: id of another instance -> (pictures in which one mask covered both, pictures in which each had its own).
-    moved: it stands elsewhere than where it was first found.
+    moved: it stands elsewhere than where it was first found. views: the last pictures that had a mask of it.
     """
 
     id: int
@@ -64,6 +66,7 @@ class Instance:
     published: bool = False
     moved: bool = False
     beside: dict[int, tuple[int, int]] = field(default_factory=dict)
+    views: deque[int] = field(default_factory=lambda: deque(maxlen=_VIEWS))
 
     def add_label(self, name: str, group: int, score: float) -> None:
         self.group_score[group] = self.group_score.get(group, 0.0) + score
@@ -78,11 +81,16 @@ class Instance:
         noted = self.beside.get(other.id, (0, 0))
         self.beside[other.id] = other.beside[self.id] = (noted[0] + together, noted[1] + apart)
 
+    def seen_beside(self, other: Instance) -> bool:
+        """Whether one of the last pictures had a mask of each."""
+        return not set(self.views).isdisjoint(other.views)
+
     def take_over(self, other: Instance) -> None:
         """Add what is known of another instance that proved to be this one (voxels and numbers are the arrays' affair)."""
         self.first_seen_ns = min(self.first_seen_ns, other.first_seen_ns)
         self.last_seen_ns = max(self.last_seen_ns, other.last_seen_ns)
         self.last_view = max(self.last_view, other.last_view)
+        self.views = deque(sorted({*self.views, *other.views}), maxlen=_VIEWS)
         for group, score in other.group_score.items():
             self.group_score[group] = self.group_score.get(group, 0.0) + score
         for name, score in other.name_score.items():

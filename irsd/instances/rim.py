@@ -21,7 +21,7 @@ _DIAGONAL = np.float32(1.4142135)
 def rim_weights(
     view: CameraView, points: Floats, rows: Rows, starts: Ints, voxel_m: float, edge_px: float, edge_share: float
 ) -> Weights:
-    """Evidence uint8 [P], of FULL, that voxels are inside their mask: points float32 [R, 3] by row, rows int32 [P], starts int64 [m + 1].
+    """Evidence uint8 [P], of FULL, that voxels are inside their masks. points: float32 [R, 3] by row; rows [P], starts [m + 1]: masks.
 
     It rises from the silhouette inwards to full at edge_px, or at edge_share of the mask's half width where that is less.
     """
@@ -52,20 +52,21 @@ def weigh(
         first, count = starts[m], starts[m + 1] - starts[m]
         if count == 0 or not to_pixels(points, rows[first : first + count], map_T_camera, camera, voxel_m, uvr):
             continue
-        u0, v0, u1, v1 = _FAR, _FAR, -_FAR, -_FAR
+        u0, v0, u1, v1 = float(_FAR), float(_FAR), -float(_FAR), -float(_FAR)
         for p in range(count):
-            u0, u1 = min(u0, uvr[p, 0]), max(u1, uvr[p, 0])
-            v0, v1 = min(v0, uvr[p, 1]), max(v1, uvr[p, 1])
-        cell = np.float32(max(_CELL_PX, max(u1 - u0, v1 - v0) / (_SIDE - 2)))
+            u0, u1 = min(u0, float(uvr[p, 0])), max(u1, float(uvr[p, 0]))
+            v0, v1 = min(v0, float(uvr[p, 1])), max(v1, float(uvr[p, 1]))
+        cell = max(_CELL_PX, max(u1 - u0, v1 - v0) / (_SIDE - 2))
         wide, high = int((u1 - u0) / cell) + 1, int((v1 - v0) / cell) + 1
         draw(uvr[:count], u0, v0, cell, wide, high, raster)
-        inside = (u0 < cell, v0 < cell, u1 > camera[4] - 1 - cell, v1 > camera[5] - 1 - cell)
+        right, lower = float(camera[4]) - 1 - cell, float(camera[5]) - 1 - cell
+        inside = (u0 < cell, v0 < cell, u1 > right, v1 > lower)
         half_width = spread_distance(raster, wide, high, inside) * cell
-        band = max(min(np.float32(edge_px), np.float32(edge_share) * half_width), np.float32(1e-3))
+        band = max(min(edge_px, edge_share * half_width), 1e-3)
         for p in range(count):
             column, row = int((uvr[p, 0] - u0) / cell) + 1, int((uvr[p, 1] - v0) / cell) + 1
-            share = min(raster[row, column] * cell / band, np.float32(1.0))
-            out[first + p] = np.uint8(max(int(share * FULL + np.float32(0.5)), 1))
+            share = min(float(raster[row, column]) * cell / band, 1.0)
+            out[first + p] = np.uint8(max(int(share * FULL + 0.5), 1))
     return out
 
 

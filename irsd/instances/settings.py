@@ -34,7 +34,10 @@ class FusionSettings:
         1.0, "share of earlier sightings without a claim that count against a new claim", lo=0.0, hi=1.0
     )
     edge_px: float = setting(
-        6.0, "masks that come as points with their uncertain edges: full evidence begins this far inside", lo=0.0, hi=50.0
+        6.0,
+        "masks that come as points with their uncertain edges: full evidence begins this far inside",
+        lo=0.0,
+        hi=50.0,
     )
     edge_share: float = setting(0.8, "or at this share of the mask's half width, if that is less", lo=0.0, hi=1.0)
     cover_share: float = setting(
@@ -92,8 +95,19 @@ class FusionSettings:
         """What matching needs. blind: the pictures do not tell what they saw beside their masks."""
         if self.plain:
             return Rules(
-                self.tau_g, self.tau_s, 2.0, 0.0, self.cover_share, self.visible_share, 2.0, 1.0, 0.0, self.tau_s, 0.0,
-                -1.0, 1.0,
+                self.tau_g,
+                self.tau_s,
+                2.0,
+                0.0,
+                self.cover_share,
+                self.visible_share,
+                2.0,
+                1.0,
+                0.0,
+                self.tau_s,
+                0.0,
+                -1.0,
+                1.0,
             )
         return Rules(
             self.tau_g, self.tau_s, self.tau_same, self.merge_ratio, self.cover_share, self.visible_share, self.part_ratio,

@@ -61,12 +61,12 @@ def least_hits(typical: float, limits: Limits) -> float:
 
 @kernel
 def worth(hits: float, seen: float, typical: float, limits: Limits) -> float:
-    """Weight of a claim for owning its voxel: hits times their share; 0 when it has not enough evidence."""
+    """Weight of a claim for owning its voxel: the share of its pictures, times that of what is typical; 0 when it has not enough."""
     if limits.plain:
         return hits
     if hits < limits.own * (seen + FULL) or hits < max(limits.floor * FULL, least_hits(typical, limits)):
         return 0.0
-    return hits * hits / (seen + FULL)
+    return hits / (seen + FULL) * (hits / typical)
 
 
 @kernel

@@ -2,7 +2,8 @@
 
 A row has a few claims; a claim holds an instance (by its slot) and the evidence for "this voxel belongs to it": in how many
 pictures it lay inside the instance's mask (``hits``) and in how many of the pictures that showed the instance it was seen at all
-(``seen``), both in sixteenths of a picture: near the edge of a mask a voxel may not belong to it. Neighbours in space lie side by side in the table, so that a mask's look-ups stay in the cache.
+(``seen``), both in sixteenths of a picture: near the edge of a mask a voxel may not belong to it. Neighbours in space lie side by
+side in the table, so that a mask's look-ups stay in the cache.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from irsd.instances.associate import Rules, Things, choose, dot, match, new_things, rooms_of_masks
 from irsd.instances.settle import Limits, connected_parts, settle
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import CLAIMS, Table, add_evidence, drop_key, enter_key, find_key, new_table, voxel_keys
+from irsd.instances.voxels import CLAIMS, FULL, MOST, add_evidence, drop_key, enter_key, find_all, new_table, voxel_keys
 
-RULES = Rules(0.3, 0.8, 0.5, 0.25, 0.5, 0.5, 0.9, 0.0, 0.0, 0.95, 0.0)
+RULES = Rules(0.3, 0.8, 0.5, 0.25, 0.5, 0.5, 0.9, 0.0, 0.0, 0.95, 0.0, 0.8, 1.0)
 NOTHING = np.zeros((0, 3), np.float32)
 
 
@@ -26,18 +26,26 @@ def joined(lists: list[list[int]]) -> list[int]:
 
 
 def write(
-    memory: VoxelMemory, masks: list[list[int]], slots: list[int], view: int, seen: list[int] | None = None
+    memory: VoxelMemory,
+    masks: list[list[int]],
+    slots: list[int],
+    view: int,
+    seen: list[int] | None = None,
+    weight: int | None = None,
 ) -> None:
     """One picture straight into the voxels."""
     offset = np.cumsum([0, *map(len, masks)]).astype(np.int64)
-    rows, starts = memory.gather(centres(joined(masks)), offset, view)
+    rows, starts = memory.gather(centres(joined(masks)), offset)
     shown = memory.sight(rows, centres(seen or []), view)
-    in_view = np.zeros(64, np.bool_)
-    in_view[slots] = True
     observations = np.full(64, view, np.int32)
+    weights = certain(rows) if weight is None else np.full(len(rows), weight, np.uint8)
     add_evidence(
-        memory.cells, memory.counts, rows, starts, np.array(slots, np.int32), shown, in_view, observations, 1.0
+        memory.cells, memory.counts, rows, weights, starts, np.array(slots, np.int32), shown, observations, 1.0
     )
+
+
+def certain(rows: NDArray[np.int32]) -> NDArray[np.uint8]:
+    return np.full(len(rows), FULL, np.uint8)
 
 
 def test_voxel_keys_are_the_cells() -> None:
@@ -52,18 +60,20 @@ def test_voxel_keys_are_the_cells() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_table_equals_a_dictionary_while_keys_come_and_go(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    table: Table = new_table(10)
+    table, rows = new_table(10), np.zeros(1000, np.int64)
     truth: dict[int, int] = {}
     pool = voxel_keys(centres(np.arange(700)), 1.0)
+    free = list(range(1000))
     for _ in range(2500):
         key = int(rng.choice(pool))
         if key in truth and rng.random() < 0.6:
-            drop_key(table, key)
-            del truth[key]
+            drop_key(table, rows, key)
+            free.append(truth.pop(key))
         elif key not in truth and len(truth) < 500:
-            truth[key] = int(rng.integers(1000))
-            enter_key(table.key, table.row, key, truth[key])
-    assert [find_key(table.key, table.row, key) for key in pool.tolist()] == [truth.get(k, -1) for k in pool.tolist()]
+            truth[key] = free.pop(int(rng.integers(len(free))))
+            rows[truth[key]] = key
+            enter_key(table, key, truth[key])
+    assert find_all(table, rows, pool).tolist() == [truth.get(k, -1) for k in pool.tolist()]
 
 
 def test_memory_grows_and_reuses_rows() -> None:
@@ -90,18 +100,19 @@ def test_evidence_equals_brute_force(seed: int) -> None:
         slots = rng.integers(0, CLAIMS, 3).tolist()
         seen = rng.choice(60, 20, replace=False).tolist()
         known = {v for v in range(60) if views[v]}
-        write(memory, masks, slots, view, seen)
+        weight = int(rng.integers(1, FULL + 1))
+        write(memory, masks, slots, view, seen, weight)
         for v in set(joined(masks)) | (set(seen) & known):
             views[v] += 1
             for slot in set(slots) & truth[v].keys():
-                truth[v][slot][1] += 1
+                truth[v][slot][1] += FULL
         for slot in set(slots):
             for v in set(joined([m for m, s in zip(masks, slots, strict=True) if s == slot])):
                 claim = truth[v].get(slot)
                 if claim is None:
-                    truth[v][slot] = [1, 1 + min(views[v], view) - 1]
+                    truth[v][slot] = [weight, FULL * min(views[v], view)]
                 else:
-                    claim[0] += 1
+                    claim[0] += weight
     rows = memory.find(voxel_keys(centres(np.arange(60)), 1.0))
     for v, row in enumerate(rows.tolist()):
         cells = memory.cells
@@ -129,9 +140,9 @@ def test_long_runs_of_evidence_do_not_overflow() -> None:
     memory = VoxelMemory(1.0)
     write(memory, [[7]], [0], 1)
     row = memory.find(voxel_keys(centres([7]), 1.0))[0]
-    memory.cells.hits[row, 0] = memory.cells.seen[row, 0] = 60_000
+    memory.cells.hits[row, 0] = memory.cells.seen[row, 0] = MOST
     write(memory, [[7]], [0], 2)
-    assert (memory.cells.hits[row, 0], memory.cells.seen[row, 0]) == (30_001, 30_001)
+    assert (memory.cells.hits[row, 0], memory.cells.seen[row, 0]) == (MOST // 2 + FULL, MOST // 2 + FULL)
 
 
 def known(
@@ -148,12 +159,24 @@ def known(
 
 def ask(memory: VoxelMemory, things: Things, masks: list[list[int]], seen: list[int], room: int = 0) -> list[int]:
     offset, view = np.cumsum([0, *map(len, masks)]).astype(np.int64), 5000 + int(memory.counts[2])
-    rows, starts = memory.gather(centres(joined(masks)), offset, view)
+    rows, starts = memory.gather(centres(joined(masks)), offset)
     shown = memory.sight(rows, centres(seen), view)
     meanings = np.tile(np.array([[1.0, 0.0]], np.float32), (len(masks), 1))
     rooms = np.full((len(masks), 4), room, np.int32)
-    found = match(memory.cells, things, rows, starts, shown, meanings, np.full(len(masks), 2, np.int32), rooms, RULES)
-    return found.slots.tolist()
+    found = match(
+        memory.cells,
+        things,
+        rows,
+        certain(rows),
+        starts,
+        shown,
+        meanings,
+        np.full(len(masks), 2, np.int32),
+        rooms,
+        RULES,
+    )
+    slots: list[int] = found.slots.tolist()
+    return slots
 
 
 @pytest.mark.parametrize(
@@ -195,7 +218,7 @@ def test_nothing_to_match() -> None:
 def test_several_masks_for_one_instance_part_where_that_is_the_rule() -> None:
     things = new_things(4, 2)
     things.id[0], things.mean[0], things.length[0], things.dim[0] = 1, (1, 0), 1, 2
-    shared, visible, sizes = np.array([[40], [60]]), np.array([100]), np.array([40, 60])
+    shared, visible, sizes = np.array([[40], [60]], np.float32), np.array([100]), np.array([40, 60], np.float32)
     meanings = np.tile(np.array([[1.0, 0.0]], np.float32), (2, 1))
     arguments = (np.zeros(1, np.int32), meanings, np.full(2, 2, np.int32), np.zeros((2, 4), np.int32), RULES)
     assert choose(things, shared, visible, sizes, *arguments).tolist() == [0, 0]
@@ -220,10 +243,10 @@ def test_settling_equals_brute_force(seed: int) -> None:
         return (float(cells.hits[row, at[0]]), float(cells.seen[row, at[0]])) if len(at) else None
 
     def least(share: float) -> float:
-        return share + min(1.5, share)
+        return share + min(1.5 * FULL, share)
 
     for slot in range(3):
-        hits = np.array([c[0] for r in everything if (c := claim(r, slot))])
+        hits = np.array([c[0] for r in everything.tolist() if (c := claim(r, slot))])
         things.level[slot] = (hits**2).sum() / hits.sum()
     for slot in range(3):
         got = settle(cells, things, np.concatenate([everything, everything[::3]]), 0, slot, limits)
@@ -231,8 +254,9 @@ def test_settling_equals_brute_force(seed: int) -> None:
         for row in everything.tolist():
             for s in range(3):
                 c = claim(row, s)
-                enough = c and c[0] >= 0.2 * (c[1] + 1) and c[0] >= max(2.0, least(0.3 * float(things.level[s])))
-                worths[row, s] = c[0] ** 2 / (c[1] + 1) if c and enough else 0.0
+                level = float(things.level[s])
+                enough = c and c[0] >= 0.2 * (c[1] + FULL) and c[0] >= max(2.0 * FULL, least(0.3 * level))
+                worths[row, s] = c[0] / (c[1] + FULL) * (c[0] / level) if c and enough else 0.0
         owned = [
             r
             for r in everything.tolist()
