@@ -15,6 +15,7 @@ from irsd.instances.voxels import CLAIMS, FULL, Cells, Floats, Ints, Rows, Weigh
 
 _FEW = 5  # masks from which their spread about the mean is known
 _LEAST_SPREAD = 0.02
+NEVER = -1.0  # for what is not learned from masks
 _LEAST_COVERED = 3  # voxels of an instance that a mask must cover to say anything about it
 
 
@@ -48,7 +49,8 @@ class Things(NamedTuple):
 class Rules(NamedTuple):
     """The settings that matching needs, see ``FusionSettings``, and what the masks so far have taught of their meanings.
 
-    usual_s: least cosine that masks have to what they show, as a rule; truth: mean squared cosine of masks to what they show.
+    usual_s: least cosine that masks have to what they show, as a rule, NEVER = tau_s is all that counts; truth: mean squared cosine of
+    masks to what they show, NEVER = means are compared as they are.
     """
 
     tau_g: float
@@ -173,7 +175,7 @@ def cosine_to(things: Things, slot: int, meaning: Floats, dim: int) -> float:
 def usual_cosine(things: Things, slot: int, rules: Rules) -> float:
     """Least cosine that a mask of this instance has: tau_s, or more where all masks so far were closer to its mean."""
     n, tau_s = things.matches[slot], rules.tau_s
-    if n < _FEW:
+    if n < _FEW or rules.usual_s == NEVER:
         return max(tau_s, rules.usual_s)
     mean = things.likeness[slot] / n
     spread = np.sqrt(max(things.likeness2[slot] / n - mean * mean, 0.0))
@@ -303,6 +305,8 @@ def alike(things: Things, a: int, b: int, truth: float) -> float:
     if things.dim[a] == 0 or things.dim[a] != things.dim[b] or min(things.length[a], things.length[b]) <= 1e-9:
         return 0.0
     cosine = dot(things.mean[a], things.mean[b], things.dim[a]) / (things.length[a] * things.length[b])
+    if truth == NEVER:
+        return float(cosine)
     for slot in (a, b):
         n, q2 = float(things.matches[slot] + 1), likeness_of(things, slot, truth)
         cosine *= np.sqrt(1.0 + (1.0 - q2) / (q2 * n))

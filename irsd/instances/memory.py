@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, KnownThings, Rooms
-from irsd.instances.associate import add_meanings, alike, match
+from irsd.instances.associate import add_meanings, match
 from irsd.instances.departures import NO_MAP, Departures, Surroundings
 from irsd.instances.habits import Habits
+from irsd.instances.judge import Contact, Judge
 from irsd.instances.known import known_things
 from irsd.instances.lift import LiftedView
 from irsd.instances.record import Embed, Instance, Names
@@ -194,7 +195,8 @@ class InstanceMemory:
     def collect(self, stamp_ns: int) -> InstanceUpdate:
         """Merge what proved to be one, settle who owns which voxel, and report what changed since the last call."""
         by_id, by_slot = self._roster.by_id, self._roster.by_slot
-        self._rules = self._habits.taught(self._rules)
+        if not self.settings.plain:
+            self._rules = self._habits.taught(self._rules)
         touched = [i for i in sorted({*self._touched, *self._change.touched}) if i in by_id]
         self._touched.clear()
         self._change.touched.clear()
@@ -231,6 +233,7 @@ class InstanceMemory:
     def _merge_around(self, instance: Instance, stock: dict[int, Settled]) -> None:
         """Merge the instance with those that claim its voxels, one after the other while any qualifies."""
         by_id, by_slot = self._roster.by_id, self._roster.by_slot
+        judge = Judge(self.settings, self._roster.things, self._rules.truth, self._blind)
         while True:
             mine = stock[instance.id]
             shared = {
@@ -245,11 +248,8 @@ class InstanceMemory:
                 other = by_id[other_id]
                 if other_id not in stock:
                     stock[other_id] = self._settle(other)
-                if (
-                    self._seen_as_one(instance, other)
-                    or self._are_one(instance, mine.mine, other, stock[other_id].mine, shared.get(other_id, 0))
-                    or self._are_parts(instance, other, touch.get(other_id, 0))
-                ):
+                contact = Contact(mine.mine, stock[other_id].mine, shared.get(other_id, 0), touch.get(other_id, 0))
+                if judge.are_one(instance, other, contact):
                     pair = sorted((instance, other), key=self._seniority)
                     instance = self._absorb(*pair)
                     stock.pop(pair[1].id)
@@ -260,41 +260,6 @@ class InstanceMemory:
 
     def _seniority(self, instance: Instance) -> tuple[bool, int, int]:
         return not instance.published, -int(self._roster.things.observations[instance.slot]), instance.id
-
-    def _seen_as_one(self, a: Instance, b: Instance) -> bool:
-        """Masks covered both often enough, compared with how often each had its own mask in one picture."""
-        together, apart = a.beside.get(b.id, (0, 0))
-        needed = max(self.settings.min_observations, self.settings.merge_ratio * (together + apart))
-        things = self._roster.things
-        often = min(things.observations[a.slot], things.observations[b.slot]) >= self.settings.min_observations
-        return bool(often and not self.settings.plain and together >= needed)
-
-    def _are_one(self, a: Instance, a_size: int, b: Instance, b_size: int, both: int) -> bool:
-        """The paper's two criteria inside a room on the evidence of all pictures, or the same voxels under two names."""
-        s, things = self.settings, self._roster.things
-        overlap, cosine = (s.tau_g, s.tau_s) if s.plain else (s.merge_overlap, s.tau_merge)
-        if min(a_size, b_size) < s.min_voxels:
-            return False
-        seldom = min(things.observations[a.slot], things.observations[b.slot]) < s.min_observations
-        if seldom and not s.plain:
-            return False  # what one odd mask brought about is no evidence yet
-        if both >= s.tau_same * (a_size + b_size - both) and not s.plain:
-            return True
-        a_room, b_room = int(things.room[a.slot]), int(things.room[b.slot])
-        parted = s.room_prior and 0 not in (a_room, b_room) and a_room != b_room
-        if parted or both < overlap * min(a_size, b_size):
-            return False
-        return bool(alike(things, a.slot, b.slot, self._rules.truth) >= cosine)
-
-    def _are_parts(self, a: Instance, b: Instance, touch: int) -> bool:
-        """Sides of one thing, seen from different places: they touch, mean the same, and never had two masks in one picture."""
-        s, things = self.settings, self._roster.things
-        if s.plain or touch < s.touch_voxels or a.seen_beside(b):
-            return False
-        a_room, b_room = int(things.room[a.slot]), int(things.room[b.slot])
-        if s.room_prior and 0 not in (a_room, b_room) and a_room != b_room:
-            return False
-        return bool(alike(things, a.slot, b.slot, self._rules.truth) >= s.tau_merge)
 
     def _absorb(self, kept: Instance, gone: Instance) -> Instance:
         """All evidence of ``gone`` becomes that of ``kept``."""

@@ -81,9 +81,16 @@ class Instance:
         noted = self.beside.get(other.id, (0, 0))
         self.beside[other.id] = other.beside[self.id] = (noted[0] + together, noted[1] + apart)
 
-    def seen_beside(self, other: Instance) -> bool:
-        """Whether one of the last pictures had a mask of each."""
-        return not set(self.views).isdisjoint(other.views)
+    def mostly_beside(self, other: Instance) -> bool:
+        """Whether pictures had a mask of each too often for two parts of one thing, compared with those that had one mask.
+
+        Two things that touch are mostly seen together; one thing is seldom cut in two. Pictures before both were known don't count.
+        """
+        if not self.views or not other.views:
+            return False
+        since = max(self.views[0], other.views[0])
+        mine, his = ({v for v in views if v >= since} for views in (self.views, other.views))
+        return len(mine ^ his) < 2 * len(mine & his)
 
     def take_over(self, other: Instance) -> None:
         """Add what is known of another instance that proved to be this one (voxels and numbers are the arrays' affair)."""

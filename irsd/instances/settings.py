@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from irsd.core.settings import setting
-from irsd.instances.associate import Rules
+from irsd.instances.associate import NEVER, Rules
 from irsd.instances.change import ChangeSettings
 from irsd.instances.settle import Limits
 
@@ -106,8 +106,8 @@ class FusionSettings:
                 0.0,
                 self.tau_s,
                 0.0,
-                -1.0,
-                1.0,
+                NEVER,
+                NEVER,
             )
         return Rules(
             self.tau_g, self.tau_s, self.tau_same, self.merge_ratio, self.cover_share, self.visible_share, self.part_ratio,

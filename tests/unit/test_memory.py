@@ -158,6 +158,41 @@ def test_merged_masks_of_neighbours_do_not_merge_them() -> None:
     assert sorted(len(s.points_map) for s in world.memory.states()) == [len(one), len(one)]
 
 
+def sides(names: bool) -> int:
+    """Things published after two sides of a box were seen in turn, by pictures that tell nothing beside their masks."""
+    rng = np.random.default_rng(0)
+    memory, stamp = InstanceMemory(SETTINGS, embed), 0
+    truth = np.eye(64, dtype=np.float32)[0]
+
+    def look(*clouds: NDArray[np.float32]) -> None:
+        nonlocal stamp
+        stamp += 250_000_000
+        masks = []
+        for k, cloud in enumerate(clouds):
+            noisy = truth + (0.0 if names else 0.04) * rng.normal(size=64)
+            vector = (noisy / np.linalg.norm(noisy)).astype(np.float32)
+            masks.append(LiftedMask(k + 1, cloud, (("desk", 0.8),), 0.8, vector, False))
+        empty = np.zeros((0, 3), np.float32)
+        memory.observe(CameraView(stamp, np.eye(4), CAMERA, None, None), LiftedView(stamp, tuple(masks), empty), None)
+
+    for _ in range(40):  # other things, often seen, teach what meanings are like
+        look(box(5))
+    memory.collect(stamp)
+    whole = box(0, 0.8)
+    left, right = whole[whole[:, 0] < 0.44], whole[whole[:, 0] > 0.40]
+    for _ in range(3):
+        look(left)
+        look(right)
+        look(left, right)
+    memory.collect(stamp)
+    return len([s for s in memory.states() if s.points_map[:, 0].max() < 2])
+
+
+def test_sides_of_one_thing_become_one_unless_only_its_name_says_so() -> None:
+    assert sides(names=False) == 1
+    assert sides(names=True) == 2
+
+
 def test_what_is_seldom_seen_where_it_should_be_is_not_published() -> None:
     world = World()
     world.look(("lamp", box(0)), times=3)
