@@ -37,11 +37,6 @@ ADVICE: Mapping[str, Advice] = MappingProxyType(
             _NO_MAP, "start the driver; compare its topic with ingest.* in irsd.yaml (irsctl doctor lists what arrives)"
         ),
         "sensor_stale": Advice(_NO_MAP, "look at the driver, its cable and its power; irsd goes on by itself"),
-        "camera_missing": Advice(_NO_EYES, "start the camera's driver; compare ingest.image_topic (irsctl doctor)"),
-        "camera_stale": Advice(_NO_EYES, "look at the camera's driver or the detector; irsd goes on by itself"),
-        "sensor_undecodable": Advice(
-            "its messages are counted and dropped", "the topic carries another type: compare ingest.* (irsctl doctor)"
-        ),
         "sensor_frozen": Advice(
             "the map takes the same picture of the world again and again",
             "restart the driver: it repeats its last message",
@@ -177,8 +172,8 @@ class FaultLedger:
 def silent_sensors(settings: HealthSettings, sensors: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     """Topics that should be heard and are not, and topics of which no message can be used.
 
-    sensors: as ``Ingest.sensors`` gives them. LiDAR and odometry must be there; a camera or a detector must not fall silent once it
-    was heard, and has five of its own periods where it is slow.
+    sensors: as ``Ingest.sensors`` gives them. LiDAR and odometry must be there; a camera or a detector, which a robot need not
+    have, must not fall silent once it was heard, and has five of its own periods where it is slow.
     """
     found = []
     for topic, sensor in sensors.items():
@@ -187,8 +182,8 @@ def silent_sensors(settings: HealthSettings, sensors: Mapping[str, Mapping[str, 
             place = "sensor" if kind in ("lidar", "odometry") else "camera"
             patience_s = max(settings.sensor_stale_s, 5.0 * sensor["period_s"] if place == "camera" else 0.0)
             if age_s is None:
-                if not kind.startswith("detections"):
-                    found.append(Finding(f"{place}_missing", topic, f"{topic}: nothing received yet"))
+                if place == "sensor":
+                    found.append(Finding("sensor_missing", topic, f"{topic}: nothing received yet"))
             elif age_s > patience_s:
                 found.append(Finding(f"{place}_stale", topic, f"{topic}: silent for {age_s:.1f} s"))
         if sensor["bad_run"] >= settings.bad_messages and age_s is not None and age_s <= 2.0 * settings.sensor_stale_s:
