@@ -20,7 +20,7 @@ from nav_bridge.goal import GoalSpec, refer
 from nav_bridge.language import parse
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution
 from nav_bridge.resolve import resolve
-from nav_bridge.room_goal import find_place_inside, looked_at, resolve_room, room_floor, wanted_room
+from nav_bridge.room_goal import find_place_inside, looked_at, resolve_room, room_floor, room_grades, wanted_room
 from nav_bridge.route import CostMap, make_cost_map, plan_route
 
 _ALTERNATES = 6  # of an open choice ("any chair"), how many are tried before the answer is unreachable
@@ -103,7 +103,8 @@ class Planner:
         costs = world.map_of() if spec.things and world.graph.rooms else None
         if costs is None:
             return ()
-        named = [r for r in world.graph.rooms if spec.room and self._knowledge.room_grade(spec.room, r) >= MATCH]
+        grades = room_grades(spec.room, world.graph, self._knowledge) if spec.room else {}
+        named = [room for room in world.graph.rooms if grades.get(room.id, 0.0) >= MATCH]
         return tuple((room.id, looked_at(costs, room)) for room in named or world.graph.rooms)
 
     def again(self, answer: Answer, world: World, within_m: float | None = None) -> Answer:
@@ -126,7 +127,8 @@ class Planner:
         """How far each room is the one that was named; empty when none was."""
         if not spec.room:
             return ()
-        return tuple((room.id, room.label, self._knowledge.room_grade(spec.room, room)) for room in graph.rooms)
+        grades = room_grades(spec.room, graph, self._knowledge)
+        return tuple((room.id, room.label, grades[room.id]) for room in graph.rooms)
 
     def _to(self, blank: Answer, target: Candidate, world: World, costs: CostMap, within_m: float | None) -> Answer:
         """The answer for one target: where to stand and how to get there, by the rules of the geofence."""

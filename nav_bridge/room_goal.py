@@ -29,11 +29,17 @@ def wanted_room(spec: GoalSpec, graph: GraphSnapshot) -> str:
     return name if any(room.id.casefold() == name for room in graph.rooms) else ""
 
 
+def room_grades(wanted: str, graph: GraphSnapshot, knowledge: Knowledge) -> dict[str, float]:
+    """Per room id how far it is the room that is named, 0..1, seen among the others and by its shape."""
+    found = knowledge.places.grades(wanted, knowledge.follow(graph))
+    return dict(zip((room.id for room in graph.rooms), map(float, found), strict=True))
+
+
 def resolve_room(
     wanted: str, spec: GoalSpec, graph: GraphSnapshot, knowledge: Knowledge, robot_xy: tuple[float, float]
 ) -> Resolution:
     """Which room is meant. robot_xy: where the robot is (for nearest, second, ...), map frame, metres."""
-    grades = {room.id: knowledge.room_grade(wanted, room) for room in graph.rooms}
+    grades = room_grades(wanted, graph, knowledge)
     considered = tuple(_candidate(room, grades[room.id], wanted) for room in graph.rooms)
     fits = [room for room in graph.rooms if grades[room.id] >= MATCH]
     named = [room for room in fits if room.id.casefold() == wanted]

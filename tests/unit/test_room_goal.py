@@ -9,11 +9,13 @@ import navigation_house as house
 import numpy as np
 import pytest
 
-from irsd.graph.model import GraphSnapshot
+from irsd.graph.model import DoorEdge, GraphSnapshot
 from irsd.perception.encoder import LabelEncoder
 from nav_bridge.answer import answer_document
 from nav_bridge.config import BridgeSettings
+from nav_bridge.evidence import MATCH
 from nav_bridge.planner import Planner, World
+from nav_bridge.room_goal import room_grades
 
 
 @pytest.fixture(scope="module")
@@ -112,3 +114,19 @@ def test_not_found_tells_not_seen_from_never_looked(planner: Planner) -> None:
     assert dict(planner.answer("elephant in the kitchen", dark).looked)["R2"] == pytest.approx(0.9 / 4.9, abs=0.03)
     nothing = World(house.GRAPH, lambda: None, house.points_of, (2.5, 3.0, 0.0))
     assert planner.answer("elephant", nothing).looked == ()
+
+
+@pytest.mark.parametrize(("width_m", "doors", "corridor"), [(1.8, 4, True), (1.8, 1, False), (4.0, 4, False)])
+def test_a_corridor_is_known_by_its_shape(planner: Planner, width_m: float, doors: int, corridor: bool) -> None:
+    """Long, narrow and with many doors: whatever the plants and pictures in it are typical of."""
+    long = replace(
+        house.GRAPH.rooms[0], id="R9", label="living room", labels=(("living room", 0.7), ("office", 0.1)), instances=(),
+        polygon_xy=((20.0, 0.0), (30.0, 0.0), (30.0, width_m), (20.0, width_m)), aabb_xy=(20.0, 0.0, 30.0, width_m),
+    )  # fmt: skip
+    ways = tuple(
+        DoorEdge(f"D{90 + k}", ("R9", house.GRAPH.rooms[k % 2].id), (21.0 + k, 0.0), 0.9) for k in range(doors)
+    )
+    graph = replace(house.GRAPH, rooms=(*house.GRAPH.rooms, long), doors=(*house.GRAPH.doors, *ways))
+    grades = room_grades("corridor", graph, planner._knowledge)
+    assert (grades["R9"] >= MATCH) == corridor
+    assert (room_grades("living room", graph, planner._knowledge)["R9"] >= MATCH) != corridor
