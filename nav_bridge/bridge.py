@@ -226,7 +226,8 @@ class Bridge:
         if answer.status == "resolved":
             if not fresh:
                 raise TransportError(f"no odometry on {self._settings.odom_topic}: the drive can't be watched")
-            self._start(goal_id, goto, answer, graph, now_ns)
+            # What was thought about is no silence of the odometry: the watch begins now.
+            self._start(goal_id, goto, answer, graph, max(now_ns, monotonic_ns()))
         return {**answer_document(answer, graph, goal_id), "goal_id": goal_id}
 
     def _start(self, goal_id: str, goto: Goto, answer: Answer, graph: GraphSnapshot, now_ns: int) -> None:
