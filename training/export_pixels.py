@@ -3,13 +3,12 @@
 python -m training.export_pixels --data DIR --segmenter A.pt --image B.pt --out irsd/models/nano
 
 Static quantisation by onnxruntime (QDQ, weights per channel and of 7 bit, because CPUs without VNNI add 8-bit products in 16 bit),
-with calibration pictures from the training renders. The nets' last layers stay float.
+with calibration pictures from the training renders; the nets' first and last layers stay float. ``training.fit_segmenter`` comes after.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ from irsd.perception.nano_map import COLUMNS, ROWS, map_picture
 from irsd.perception.nano_segmenter import image_input
 from training.image_net import ImageNet, geometry_of
 from training.render_data import Frame, Frames, sight_of, spoiled
-from training.segment_net import SegmentNet
+from training.segment_net import SegmentNet, Whole
 
 _CALIBRATION = 48  # pictures
 
@@ -112,11 +111,13 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / "segmenter.onnx"
         inputs = {"image": torch.zeros(1, 3, 2 * ROWS, 2 * COLUMNS), "map": torch.zeros(1, 3, ROWS, COLUMNS)}
-        export(load(SegmentNet(), arguments.segmenter), inputs, "heads", path, free=False)
-        quantised(path, arguments.out / "segmenter.onnx", segmenter_feeds(some), ("/head",))
-        settings = arguments.out / "segmenter.json"
-        if not settings.exists():
-            settings.write_text(json.dumps({"decode": {}, "score": [4.0, 4.0, -2.0, 0.0, 1.0, -1.0, 0.0, -6.0]}) + "\n")
+        export(Whole(load(SegmentNet(), arguments.segmenter)), inputs, "heads", path, free=False)
+        quantised(
+            path,
+            arguments.out / "segmenter.onnx",
+            segmenter_feeds(some),
+            ("/net/head", "/net/stem", "/net/down.0/down.0.0"),
+        )
         path = folder / "image_encoder.onnx"
         inputs = {"crops": torch.zeros(2, CHANNELS, SIDE, SIDE), "measures": torch.zeros(2, MEASURES)}
         export(load(ImageNet(), arguments.image), inputs, "embedding", path, free=True)

@@ -1,32 +1,67 @@
-"""What irsd's map shows a recording's camera, beside the truth: python -m training.recording_frames FOLDER NAME --out FILE.npz
+"""What irsd's map shows a recording's camera, beside the truth: the frames that the segmenter and the image encoder are scored on.
 
-The recording runs through the product's own decoding, synchronising and mapping; every k-th picture is kept with the map in its sight
-and the exact instance ids of FOLDER/NAME.gt.mcap, in the format of ``training.render`` (but pictures and ids at full size).
+The recording runs through the product's own decoding, synchronising and mapping; every k-th picture is kept with the map in its sight at
+that moment and the exact instance ids of NAME.gt.mcap.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from irsd.config import IrsdConfig, with_pictures
 from irsd.core.types import CameraView, Structure
 from irsd.ingest import SensorDecoder
 from irsd.instances.lift import points_in_sight
 from irsd.mapping.mapper import Mapper
+from irsd.perception.nano_image import Geometry
 from irsd.sensors.decode import decode_detection_ids
 from irsd.sensors.replay import read_messages
 from irsd.sensors.sync import Synchronizer
+from training.render_data import Frame
 
 _IDS = "/gt/instance_ids"
+EVERY = 4  # pictures
 
 
-def truth_ids(path: Path) -> dict[int, np.ndarray]:
-    """Instance ids uint16 [H, W] by stamp, packed as PNG."""
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """frames at full size; labels and structural bool: of instance ids, [id] (0 is nothing)."""
+
+    frames: list[Frame]
+    labels: tuple[str, ...]
+    structural: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=1)
+def frames_of(folder: Path) -> Recorded:
+    """Every fourth picture of the recording FOLDER/FOLDER.mcap."""
+    document = json.loads((folder / "ground_truth.json").read_text())
+    count = 1 + max(instance["id"] for instance in document["instances"])
+    labels, structural = [""] * count, np.zeros(count, np.bool_)
+    for instance in document["instances"]:
+        labels[instance["id"]] = instance["label"]
+        structural[instance["id"]] = instance["structural"]
+    truth = _truth_ids(folder / f"{folder.name}.gt.mcap")
+    views = _views(folder / f"{folder.name}.mcap", truth)
+    frames = [frame for k, frame in enumerate(views) if k % EVERY == 0]
+    return Recorded(frames, tuple(labels), structural)
+
+
+def geometry_of(frame: Frame) -> Geometry:
+    """The camera above the floor at z = 0."""
+    return Geometry(frame.matrix, frame.pose[2, :3], float(frame.pose[2, 3]))
+
+
+def _truth_ids(path: Path) -> dict[int, NDArray[np.uint8]]:
+    """Instance ids by stamp, packed as PNG."""
     found = {}
     for message in read_messages([path]):
         if message.topic == _IDS:
@@ -36,66 +71,29 @@ def truth_ids(path: Path) -> dict[int, np.ndarray]:
     return found
 
 
-def kept(view: CameraView, mapper: Mapper, settings: IrsdConfig) -> dict[str, np.ndarray]:
-    """A view's picture and the map in its sight, as ``training.render`` writes them."""
+def _views(path: Path, truth: dict[int, NDArray[np.uint8]]) -> Iterator[Frame]:
+    """The pictures with truth, as the map stands when they come."""
+    settings = with_pictures(IrsdConfig())
+    decoder, sync = SensorDecoder(settings.ingest), Synchronizer(settings.sync)
+    mapper = Mapper(settings.pipeline.mapping)
+    for message in read_messages([path]):
+        for sensed in decoder.decode(message.topic, message.data):
+            sync.push(sensed)
+        for frame in sync.pop():
+            mapper.integrate(frame)
+            for view in frame.views:
+                if view.image is not None and view.stamp_ns in truth:
+                    yield _frame(view, mapper, settings, truth[view.stamp_ns])
+
+
+def _frame(view: CameraView, mapper: Mapper, settings: IrsdConfig, packed: NDArray[np.uint8]) -> Frame:
     lift = settings.pipeline.lift
     points, structure = mapper.visible(view.map_T_camera, view.camera, lift.max_range_m)
     index, pixel, depth_m = points_in_sight(view, points, lift)
     part = np.isin(structure[index], (Structure.WALL, Structure.FLOOR, Structure.CEILING))
     assert view.image is not None
     _, blob = cv2.imencode(".jpg", view.image.bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])
-    return {
-        "jpeg": blob.reshape(-1),
-        "pixel": np.column_stack([pixel, depth_m, part]).astype(np.float32),
-        "pose": view.map_T_camera,
-        "matrix": view.camera.matrix,
-    }
-
-
-def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("name", help="NAME.mcap and NAME.gt.mcap")
-    parser.add_argument("--every", type=int, default=4)
-    parser.add_argument("--out", type=Path, required=True)
-    arguments = parser.parse_args()
-    settings = with_pictures(IrsdConfig())
-    decoder, sync = SensorDecoder(settings.ingest), Synchronizer(settings.sync)
-    mapper = Mapper(settings.pipeline.mapping)
-    truth = truth_ids(arguments.folder / f"{arguments.name}.gt.mcap")
-    rows: list[dict[str, np.ndarray]] = []
-    seen = 0
-
-    def take(frames) -> None:  # type: ignore[no-untyped-def]
-        nonlocal seen
-        for frame in frames:
-            mapper.integrate(frame)
-            for view in frame.views:
-                if view.image is None or view.stamp_ns not in truth:
-                    continue
-                seen += 1
-                if seen % arguments.every == 0:
-                    rows.append({**kept(view, mapper, settings), "thing": truth[view.stamp_ns]})
-
-    for message in read_messages([arguments.folder / f"{arguments.name}.mcap"]):
-        for sensed in decoder.decode(message.topic, message.data):
-            sync.push(sensed)
-        take(sync.pop())
-    take(sync.flush())
-    document = json.loads((arguments.folder / "ground_truth.json").read_text())
-    top = max(instance["id"] for instance in document["instances"])
-    names, structural = [""] * top, np.zeros(top + 1, np.bool_)
-    for instance in document["instances"]:
-        names[instance["id"] - 1] = instance["label"]
-        structural[instance["id"]] = instance["structural"]
-    out = {key: np.stack([row[key] for row in rows]) for key in ("pose", "matrix")}
-    for key in ("jpeg", "pixel", "thing"):
-        out[key] = np.concatenate([row[key] for row in rows])
-        out[f"{key}_len"] = np.array([len(row[key]) for row in rows])  # packed one behind the other
-    np.savez_compressed(arguments.out, names=np.array(names), structural=structural, **out)
-    print(f"{len(rows)} pictures of {seen}")
-
-
-if __name__ == "__main__":
-    main()
+    rows = np.column_stack([pixel, depth_m, part]).astype(np.float32)
+    thing = cv2.imdecode(packed, cv2.IMREAD_UNCHANGED)
+    assert thing is not None
+    return Frame(blob.reshape(-1), thing, rows, view.map_T_camera, view.camera.matrix, ())

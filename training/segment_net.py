@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from irsd.perception.nano_map import draw_map
-from irsd.perception.nano_segmenter import CHANNELS, OFFSET_CELLS
+from irsd.perception.nano_decode import OFFSET_CELLS
+from irsd.perception.nano_map import COLUMNS, ROWS, draw_map
+from irsd.perception.nano_segmenter import CHANNELS
 from training.render_data import Frame, spoiled, thinned
 
 Rng = np.random.Generator
@@ -35,15 +36,19 @@ class Residual(nn.Module):
         return functional.relu(x + self.body(x))
 
 
+_METRES = 2  # channels that ``placed`` adds to the map's three
+
+
 class SegmentNet(nn.Module):
-    """image [B, 3, H, W] (0..1) and map [B, 3, H/2, W/2] to heads [B, 5, H/2, W/2]: a U-Net whose work is at an eighth and below."""
+    """image [B, 3, H, W] (0..1) and map [B, 5, H/2, W/2] (``placed``) to heads [B, 5, H/2, W/2]: a U-Net with its work at an eighth and
+    below."""
 
     def __init__(self) -> None:
         super().__init__()
         self.stem = conv(3, 16, 2)
         self.down = nn.ModuleList(
             [
-                nn.Sequential(conv(19, 32, 2), conv(32, 32)),
+                nn.Sequential(conv(19 + _METRES, 32, 2), conv(32, 32)),
                 nn.Sequential(conv(32, 64, 2), Residual(64)),
                 nn.Sequential(conv(64, 96, 2), Residual(96)),
                 nn.Sequential(conv(96, 128, 2), Residual(128)),
@@ -64,31 +69,58 @@ class SegmentNet(nn.Module):
             x = block(x)
             levels.append(x)
         for k, (narrow, up) in enumerate(zip(self.narrow, self.up, strict=True)):
-            below = levels[-2 - k]
+            below = levels[-2 - k][:, : up[0].in_channels]
             x = functional.interpolate(narrow(x), size=below.shape[-2:], mode="nearest")
             x = up(x + below)
         return self.head(x)
 
 
+def placed(map_: torch.Tensor, down: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
+    """The map's three channels [B, 3, h, w] and where its cells lie: below and right of the optical axis, in metres but for the focal
+    length. down [B, h, 1], across [B, 1, w]: cells' places from the picture's middle, as shares of its width."""
+    depth = (map_[:, 0] > 0).float() / map_[:, 0].clamp(min=0.05)
+    return torch.cat([map_, (depth * down).clamp(-3, 3)[:, None], (depth * across).clamp(-6, 6)[:, None] / 2], 1)
+
+
+class Whole(nn.Module):
+    """The network with the product's inputs: whole pictures, their middle on the optical axis."""
+
+    def __init__(self, net: SegmentNet) -> None:
+        super().__init__()
+        self.net = net
+        self.register_buffer("down", ((torch.arange(ROWS) + 0.5) / COLUMNS - ROWS / COLUMNS / 2).reshape(1, ROWS, 1))
+        self.register_buffer("across", ((torch.arange(COLUMNS) + 0.5) / COLUMNS - 0.5).reshape(1, 1, COLUMNS))
+
+    def forward(self, image: torch.Tensor, map_: torch.Tensor) -> torch.Tensor:
+        return self.net(image, placed(map_, self.down, self.across))
+
+
 # ------------------------------------------------------------------------------------------------ what it is taught
-def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray]:
-    """(image uint8 [3, H, W], map float32 [3, H/2, W/2], numbers of things [H/2, W/2]) of a spoiled crop at another scale."""
+def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """(image uint8 [3, H, W], map float32 [3, H/2, W/2], numbers of things [H/2, W/2], cells' places down [H/2, 1] and across [1, W/2] for
+    ``placed``) of a spoiled crop at another scale."""
     scale = float(np.exp(rng.uniform(np.log(0.8), np.log(1.45))))
     rgb, thing, points = frame.rgb(), frame.thing, thinned(frame.points, rng)
     size = (max(round(rgb.shape[1] * scale), CROP_COLUMNS), max(round(rgb.shape[0] * scale), CROP_ROWS))
+    rgb_hw = rgb.shape[:2]
     across, down = size[0] / rgb.shape[1], size[1] / rgb.shape[0]
     rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA)
     thing = cv2.resize(thing, size, interpolation=cv2.INTER_NEAREST)
     left, top = int(rng.integers(0, size[0] - CROP_COLUMNS + 1)), int(rng.integers(0, size[1] - CROP_ROWS + 1))
     rgb, thing = (a[top : top + CROP_ROWS, left : left + CROP_COLUMNS] for a in (rgb, thing))
+    places_down = ((np.arange(CROP_ROWS // 2) * 2 + 1 + top) / size[1] - 0.5) * rgb_hw[0] / rgb_hw[1]
+    places_across = (np.arange(CROP_COLUMNS // 2) * 2 + 1 + left) / size[0] - 0.5
     pixel = (points[:, :2] + 0.5) * np.array([across, down], np.float32) - 0.5 - np.array([left, top], np.float32)
     if rng.random() < 0.5:
         rgb, thing = rgb[:, ::-1], thing[:, ::-1]
+        places_across = -places_across[::-1]
         pixel = pixel * np.array([-1, 1], np.float32) + np.array([CROP_COLUMNS - 1, 0], np.float32)
     shown = draw_map(
         np.ascontiguousarray(pixel, np.float32), np.ascontiguousarray(points[:, 2]), points[:, 3] > 0.5, 0.5, 0.5
     )[:, : CROP_ROWS // 2, : CROP_COLUMNS // 2]
-    return spoiled(np.ascontiguousarray(rgb), rng).transpose(2, 0, 1), shown, thing[::2, ::2].astype(np.int32)
+    image = spoiled(np.ascontiguousarray(rgb), rng).transpose(2, 0, 1)
+    where = places_down[:, None].astype(np.float32), places_across[None].astype(np.float32)
+    return image, shown, thing[::2, ::2].astype(np.int32), *where
 
 
 def targets(thing: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -128,4 +160,4 @@ def loss(heads: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     middle = (right + wrong) / peak.sum().clamp(min=1)
     on = target[:, 0] * weight
     offset = ((heads[:, 3:] - target[:, 3:5]).abs().sum(1) * on).sum() / on.sum().clamp(min=1)
-    return thing + 0.5 * border + 0.15 * middle + 0.7 * offset
+    return thing + 0.5 * border + 0.3 * middle + 0.7 * offset

@@ -2,7 +2,7 @@
 
 python -m training.train_image --data DIR --val DIR --out image.pt [--minutes 45] [--seed 0]
 
-The rate follows a cosine over the minutes of training; the folder may still be growing. Names: all that the furniture makers and the
+The rate follows a cosine over the minutes of training. Names: all that the furniture makers and the
 catalogues give; the loss is cross-entropy over the cosines to the mean vector of each name's words.
 """
 
@@ -21,17 +21,15 @@ from irsd.perception.encoder import LabelEncoder
 from training import sweethome
 from training.furniture import collection
 from training.image_net import ImageNet, Names, examples
-from training.render_data import Frames
+from training.render_data import Frame, Frames
 
 _FRAMES, _RATE = 10, 2e-3
 
 
-def all_names() -> list[str]:
-    """Of the makers and the catalogues."""
-    return [
-        *collection.names(),
-        *sorted({"sh3d:" + e.name for e in sweethome.entries() if e.category not in sweethome.OUTDOORS}),
-    ]
+def all_names(frames: list[Frame]) -> list[str]:
+    """Of the makers and the catalogues, and what else is in the pictures (some makers give more names than one)."""
+    catalogued = {"sh3d:" + e.name for e in sweethome.entries() if e.category not in sweethome.OUTDOORS}
+    return sorted({*collection.names(), *catalogued, *(name for frame in frames for name in frame.names)})
 
 
 def batch_of(frames: Frames, names: Names, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -70,8 +68,8 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(arguments.seed)
-    names = Names(all_names(), LabelEncoder.load())
     frames, val = Frames(arguments.data), Frames(arguments.val)
+    names = Names(all_names(frames.frames + val.frames), LabelEncoder.load())
     net = ImageNet().to(memory_format=torch.channels_last)
     average = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=0.05)
@@ -116,7 +114,6 @@ def main() -> None:
                 flush=True,
             )
             recent.clear()
-            frames.refresh()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from training.render_data import Frames
-from training.segment_net import SegmentNet, example, loss, targets
+from training.segment_net import SegmentNet, example, loss, placed, targets
 
 BATCH = 8
 _RATE = 2.5e-3
@@ -27,10 +27,12 @@ _RATE = 2.5e-3
 def batch_of(frames: Frames, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     rows = []
     for k in rng.integers(0, len(frames.frames), BATCH):
-        image, shown, thing = example(frames.frames[k], rng)
-        rows.append((image, shown, targets(thing)))
-    image, shown, target = (np.ascontiguousarray(np.stack(part)) for part in zip(*rows, strict=True))
-    return torch.from_numpy(image).float() / 255, torch.from_numpy(shown), torch.from_numpy(target)
+        image, shown, thing, down, across = example(frames.frames[k], rng)
+        rows.append((image, shown, targets(thing), down, across))
+    image, shown, target, down, across = (
+        torch.from_numpy(np.ascontiguousarray(np.stack(part))) for part in zip(*rows, strict=True)
+    )
+    return image.float() / 255, placed(shown, down, across), target
 
 
 def main() -> None:
