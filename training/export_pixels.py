@@ -27,7 +27,7 @@ from training.image_net import ImageNet, geometry_of
 from training.render_data import Frame, Frames, sight_of, spoiled
 from training.segment_net import SegmentNet, Whole
 
-_CALIBRATION = 48  # pictures
+_CALIBRATION = 24  # pictures
 
 
 class _Reader(CalibrationDataReader):
@@ -84,10 +84,9 @@ def quantised(source: Path, target: Path, feeds: Iterator[dict[str, np.ndarray]]
     )  # fmt: skip
 
 
-def load(net: torch.nn.Module, path: Path | None) -> torch.nn.Module:
-    """The moving average of a checkpoint; untrained without one."""
-    if path is not None and path.exists():
-        net.load_state_dict(torch.load(path)["average"])
+def load(net: torch.nn.Module, path: Path) -> torch.nn.Module:
+    """The moving average of a checkpoint."""
+    net.load_state_dict(torch.load(path)["average"])
     return net
 
 
@@ -109,19 +108,21 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.float_out or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / "segmenter.onnx"
-        inputs = {"image": torch.zeros(1, 3, 2 * ROWS, 2 * COLUMNS), "map": torch.zeros(1, 3, ROWS, COLUMNS)}
-        export(Whole(load(SegmentNet(), arguments.segmenter)), inputs, "heads", path, free=False)
-        quantised(
-            path,
-            arguments.out / "segmenter.onnx",
-            segmenter_feeds(some),
-            ("/net/head", "/net/stem", "/net/down.0/down.0.0"),
-        )
-        path = folder / "image_encoder.onnx"
-        inputs = {"crops": torch.zeros(2, CHANNELS, SIDE, SIDE), "measures": torch.zeros(2, MEASURES)}
-        export(load(ImageNet(), arguments.image), inputs, "embedding", path, free=True)
-        quantised(path, arguments.out / "image_encoder.onnx", image_feeds(some), ("/size", "/head"))
+        if arguments.segmenter is not None:
+            path = folder / "segmenter.onnx"
+            inputs = {"image": torch.zeros(1, 3, 2 * ROWS, 2 * COLUMNS), "map": torch.zeros(1, 3, ROWS, COLUMNS)}
+            export(Whole(load(SegmentNet(), arguments.segmenter)), inputs, "heads", path, free=False)
+            quantised(
+                path,
+                arguments.out / "segmenter.onnx",
+                segmenter_feeds(some),
+                ("/net/head", "/net/stem", "/net/down.0/down.0.0"),
+            )
+        if arguments.image is not None:
+            path = folder / "image_encoder.onnx"
+            inputs = {"crops": torch.zeros(2, CHANNELS, SIDE, SIDE), "measures": torch.zeros(2, MEASURES)}
+            export(load(ImageNet(), arguments.image), inputs, "embedding", path, free=True)
+            quantised(path, arguments.out / "image_encoder.onnx", image_feeds(some), ("/size", "/head"))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Our own segmenter: a picture and the LiDAR map's depth to masks of things, without boxes or words.
 
-The network (training/train_segmenter.py) says per cell of a quarter of VGA whether a thing is there, whether two meet, how near
-the middle of its thing it is, and where that middle lies (Panoptic-DeepLab, Cheng et al., CVPR 2020); ``nano_decode`` makes masks of it.
+The network (training/train_segmenter.py) says per cell of a quarter of VGA whether a thing is there, whether two meet, how near the
+middle of its thing it is, and where that middle lies (Panoptic-DeepLab, Cheng et al., CVPR 2020); ``nano_decode`` makes masks of it.
 """
 
 from __future__ import annotations
