@@ -72,11 +72,12 @@ models: .venv-models/.installed  ## train the shipped models anew: about 3 hours
 	$(TRAIN).train_shape --data $(MODELS)/shape_rows.npz --out $(MODELS)/shape.pt --epochs 5 --export $(MODELS)
 	$(TRAIN).train_structure --scenes $(MODELS)/buildings --rows $(MODELS)/structure_rows.npz --out $(MODELS)/structure.pt --epochs 9 --export $(MODELS)
 	$(TRAIN).pack --float $(MODELS) --shape-rows $(MODELS)/shape_rows.npz --structure-rows $(MODELS)/structure_rows.npz --out irsd/models/nano
-	$(TRAIN).render --seed 0 --scenes 600 --out $(MODELS)/pictures
+	$(TRAIN).render --seed 0 --scenes 200 --out $(MODELS)/pictures
 	$(TRAIN).render --seed 800000 --scenes 25 --out $(MODELS)/held_pictures
-	$(TRAIN).train_segmenter --data $(MODELS)/pictures --out $(MODELS)/segmenter.pt --minutes 62
-	$(TRAIN).train_image --data $(MODELS)/pictures --val $(MODELS)/held_pictures --out $(MODELS)/image.pt --minutes 52
-	$(TRAIN).export_pixels --data $(MODELS)/pictures --val $(MODELS)/held_pictures --segmenter $(MODELS)/segmenter.pt --image $(MODELS)/image.pt --out irsd/models/nano
+	$(TRAIN).train_segmenter --data $(MODELS)/pictures --out $(MODELS)/segmenter.pt --minutes 40
+	$(TRAIN).train_image --data $(MODELS)/pictures --val $(MODELS)/held_pictures --out $(MODELS)/image.pt --minutes 40
+	$(TRAIN).export_pixels --data $(MODELS)/held_pictures --segmenter $(MODELS)/segmenter.pt --image $(MODELS)/image.pt --out irsd/models/nano
+	$(TRAIN).fit_segmenter --val $(MODELS)/held_pictures --model irsd/models/nano/segmenter.onnx
 	$(TRAIN).evaluate
 
 .venv-models/.installed: training/requirements.txt requirements.lock

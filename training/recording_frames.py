@@ -22,6 +22,7 @@ from irsd.ingest import SensorDecoder
 from irsd.instances.lift import points_in_sight
 from irsd.mapping.mapper import Mapper
 from irsd.perception.nano_image import Geometry
+from irsd.perception.structure_net import structure_model
 from irsd.sensors.decode import decode_detection_ids
 from irsd.sensors.replay import read_messages
 from irsd.sensors.sync import Synchronizer
@@ -75,7 +76,7 @@ def _views(path: Path, truth: dict[int, NDArray[np.uint8]]) -> Iterator[Frame]:
     """The pictures with truth, as the map stands when they come."""
     settings = with_pictures(IrsdConfig())
     decoder, sync = SensorDecoder(settings.ingest), Synchronizer(settings.sync)
-    mapper = Mapper(settings.pipeline.mapping)
+    mapper = Mapper(settings.pipeline.mapping, structure_model(settings.pipeline.mapping.network.model))
     for message in read_messages([path]):
         for sensed in decoder.decode(message.topic, message.data):
             sync.push(sensed)
@@ -90,7 +91,7 @@ def _frame(view: CameraView, mapper: Mapper, settings: IrsdConfig, packed: NDArr
     lift = settings.pipeline.lift
     points, structure = mapper.visible(view.map_T_camera, view.camera, lift.max_range_m)
     index, pixel, depth_m = points_in_sight(view, points, lift)
-    part = np.isin(structure[index], (Structure.WALL, Structure.FLOOR, Structure.CEILING))
+    part = structure[index] != Structure.OTHER  # as the lookout says it
     assert view.image is not None
     _, blob = cv2.imencode(".jpg", view.image.bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])
     rows = np.column_stack([pixel, depth_m, part]).astype(np.float32)

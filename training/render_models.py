@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from training import sweethome
 from training.furniture.solids import Model
 from training.render_textures import SIDE, Bank, Texture
-from training.shape_data import mount_of
+from training.sweethome import mount_of
 
 Rng = np.random.Generator
 MOST_TRIANGLES = 40_000
