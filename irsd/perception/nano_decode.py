@@ -50,7 +50,7 @@ def regions_of(heads: Floats, map_: Floats, colour: Floats) -> Regions:
         first, second, step = steps_between(chance, votes, colour, map_[0], np.array(weights, np.float32))
         order = np.argsort(step, kind="stable").astype(np.int32)
         for scale in scales:
-            label, n = joined(first, second, step, order, np.float32(scale))
+            label, n = joined(first, second, step, order, scale)
             measures, size = measured(label, n, first, second, step, chance, votes, map_)
             usable = (size >= _LEAST_CELLS) & (size <= _MOST_CELLS) & (measures[:, 0] > _LEAST_THING)
             rows = np.flatnonzero(usable)
