@@ -165,8 +165,36 @@ def measured(
     structure, and known; share of its box; whether it touches the picture's edge; length of its edge by its size; mean step inside,
     and along the edge.
     """
+    size, box, total, peak = insides(label, n, chance, votes, map_)
+    edge, inner = edges(label, n, first, second, step, chance, map_)
+    out = np.zeros((n, MEASURES), np.float32)
+    for k in range(n):
+        cells = float(size[k])
+        root, long = np.sqrt(cells), max(edge[k, 0], 1.0)
+        x, y = total[k, 2] / cells, total[k, 3] / cells
+        out[k, 0], out[k, 1] = total[k, 0] / cells, edge[k, 1] / long
+        out[k, 2], out[k, 3] = total[k, 1] / cells, edge[k, 2] / long
+        out[k, 4], out[k, 5] = peak[k], np.log(cells) / 4
+        out[k, 6] = min(np.sqrt(max(total[k, 4] / cells - x * x - y * y, 0.0)) / root, 3.0)
+        out[k, 7] = min(np.hypot(x - total[k, 5] / cells, y - total[k, 6] / cells) / root, 3.0)
+        out[k, 8] = edge[k, 3] / long
+        out[k, 9], out[k, 10] = total[k, 7] / cells, total[k, 8] / cells
+        out[k, 11] = cells / ((box[k, 1] - box[k, 0] + 1) * (box[k, 3] - box[k, 2] + 1))
+        touches = box[k, 0] == 0 or box[k, 1] == ROWS - 1 or box[k, 2] == 0 or box[k, 3] == COLUMNS - 1
+        out[k, 12] = 1.0 if touches else 0.0
+        out[k, 13] = min(long / root / 4, 4.0)
+        out[k, 14], out[k, 15] = edge[k, 5] / max(inner[k], 1.0), min(edge[k, 4] / long, 3.0)
+    return out, size
+
+
+@kernel
+def insides(
+    label: Ints, n: int, chance: Floats, votes: Floats, map_: Floats
+) -> tuple[Ints, Ints, NDArray[np.float64], Floats]:
+    """Of each region: cells int32 [n]; box int32 [n, 4], first and last row and column; sums float64 [n, 9] of thing, border, votes across
+    and down and their squares, columns, rows, structure, known; highest middle float32 [n]."""
     size, box = np.zeros(n, np.int32), np.empty((n, 4), np.int32)
-    total = np.zeros((n, 12), np.float64)
+    total = np.zeros((n, 9), np.float64)
     peak = np.zeros(n, np.float32)
     box[:, 0], box[:, 1], box[:, 2], box[:, 3] = ROWS, -1, COLUMNS, -1
     for p in range(ROWS * COLUMNS):
@@ -185,7 +213,16 @@ def measured(
         peak[k] = max(peak[k], chance[2, r, c])
         box[k, 0], box[k, 1] = min(box[k, 0], r), max(box[k, 1], r)
         box[k, 2], box[k, 3] = min(box[k, 2], c), max(box[k, 3], c)
-    edge = np.zeros((n, 6), np.float64)  # length, thing outside, border, depth step, step; inner step
+    return size, box, total, peak
+
+
+@kernel
+def edges(
+    label: Ints, n: int, first: Ints, second: Ints, step: Floats, chance: Floats, map_: Floats
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each region: float64 [n, 6], its edge's length and sums along it of the thing outside, border, depth step and step, and of the
+    steps inside; pairs inside float64 [n]."""
+    edge = np.zeros((n, 6), np.float64)
     inner = np.zeros(n, np.float64)
     for e in range(len(step)):
         a, b = first[e], second[e]
@@ -205,24 +242,7 @@ def measured(
             edge[k, 2] += border
             edge[k, 3] += deep
             edge[k, 4] += step[e]
-    out = np.zeros((n, MEASURES), np.float32)
-    for k in range(n):
-        cells = float(size[k])
-        root, long = np.sqrt(cells), max(edge[k, 0], 1.0)
-        x, y = total[k, 2] / cells, total[k, 3] / cells
-        out[k, 0], out[k, 1] = total[k, 0] / cells, edge[k, 1] / long
-        out[k, 2], out[k, 3] = total[k, 1] / cells, edge[k, 2] / long
-        out[k, 4], out[k, 5] = peak[k], np.log(cells) / 4
-        out[k, 6] = min(np.sqrt(max(total[k, 4] / cells - x * x - y * y, 0.0)) / root, 3.0)
-        out[k, 7] = min(np.hypot(x - total[k, 5] / cells, y - total[k, 6] / cells) / root, 3.0)
-        out[k, 8] = edge[k, 3] / long
-        out[k, 9], out[k, 10] = total[k, 7] / cells, total[k, 8] / cells
-        out[k, 11] = cells / ((box[k, 1] - box[k, 0] + 1) * (box[k, 3] - box[k, 2] + 1))
-        touches = box[k, 0] == 0 or box[k, 1] == ROWS - 1 or box[k, 2] == 0 or box[k, 3] == COLUMNS - 1
-        out[k, 12] = 1.0 if touches else 0.0
-        out[k, 13] = min(long / root / 4, 4.0)
-        out[k, 14], out[k, 15] = edge[k, 5] / max(inner[k], 1.0), min(edge[k, 4] / long, 3.0)
-    return out, size
+    return edge, inner
 
 
 @kernel
