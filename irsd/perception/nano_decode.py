@@ -191,8 +191,8 @@ def measured(
 def insides(
     label: Ints, n: int, chance: Floats, votes: Floats, map_: Floats
 ) -> tuple[Ints, Ints, NDArray[np.float64], Floats]:
-    """Of each region: cells int32 [n]; box int32 [n, 4], first and last row and column; sums float64 [n, 9] of thing, border, votes across
-    and down and their squares, columns, rows, structure, known; highest middle float32 [n]."""
+    """Of each region: cells int32 [n]; box int32 [n, 4], first and last row and column; sums float64 [n, 9] of thing, border, votes
+    across and down, their squares, columns, rows, structure, known; highest middle float32 [n]."""
     size, box = np.zeros(n, np.int32), np.empty((n, 4), np.int32)
     total = np.zeros((n, 9), np.float64)
     peak = np.zeros(n, np.float32)
@@ -220,8 +220,8 @@ def insides(
 def edges(
     label: Ints, n: int, first: Ints, second: Ints, step: Floats, chance: Floats, map_: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each region: float64 [n, 6], its edge's length and sums along it of the thing outside, border, depth step and step, and of the
-    steps inside; pairs inside float64 [n]."""
+    """Of each region: float64 [n, 6], its edge's length and sums along it of the thing outside, border, depth step and step, and of
+    the steps inside; pairs inside float64 [n]."""
     edge = np.zeros((n, 6), np.float64)
     inner = np.zeros(n, np.float64)
     for e in range(len(step)):
