@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: help install demo test check bench fuzz soak deb sandboxed-demo fixtures models format lock clean
+.PHONY: help install demo test check bench fuzz soak soak-kill deb sandboxed-demo fixtures models format lock clean
 
 help:  ## show the commands
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -37,6 +37,9 @@ check: install  ## formatting, lint, types, architecture
 
 fuzz: install  ## hostile input for every decoder and question, SECONDS (600) each
 	$(BIN)/python tests/fuzz/run.py $(or $(SECONDS),600)
+
+soak-kill: install  ## kill -9 of irsd at KILLS (200) random instants during play, and what is left each time
+	$(BIN)/python benchmarks/kill.py --kills $(or $(KILLS),200)
 
 soak: install  ## MINUTES (20) of looped play at real time: slope of memory, files, threads, CPU
 	$(BIN)/python benchmarks/soak.py --minutes $(or $(MINUTES),20)

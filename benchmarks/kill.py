@@ -63,7 +63,20 @@ class Lives:
     """Starts and kills daemons."""
 
     def __init__(self, endpoint: str, folder: Path) -> None:
-        self._words = ["--robot", KEYS.robot, "--endpoint", endpoint, "--state", str(folder), "--log-level", "error"]
+        config = folder / "irsd.yaml"
+        config.write_text("perception: {nano: false}\n")  # the detections come with the recording
+        self._words = [
+            "--config",
+            str(config),
+            "--robot",
+            KEYS.robot,
+            "--endpoint",
+            endpoint,
+            "--state",
+            str(folder),
+            "--log-level",
+            "error",
+        ]
         env = {**os.environ, "IRSD_CONNECT": "", "OMP_NUM_THREADS": "1"}
         command = [sys.executable, str(Path(__file__).resolve()), "--nursery"]
         self._nursery = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env)
@@ -254,6 +267,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=HERE.parents[1] / "shared" / "data" / "small_house")
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--minutes", type=float, default=60.0, help="stop earlier after so long")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--nursery", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -275,11 +289,14 @@ def main() -> int:
         lives = Lives(endpoint, Path(scratch))
         with open_session(ZenohSettings(endpoint=endpoint, connect=()), "peer") as session:
             judge = Judge(session, Path(scratch), verdict)
+            end_s = time.monotonic() + 60 * arguments.minutes
             for number in range(arguments.kills):
+                if time.monotonic() > end_s:
+                    break
                 live(session, judge, lives, messages, rng)
                 judge.after_death()
                 if number % 10 == 9:
-                    print(f"  {number + 1} kills, revision {verdict.revisions}", file=sys.stderr)
+                    print(f"  {number + 1} kills, revision {verdict.revisions}, {verdict}", file=sys.stderr)
         lives.close()
     report(verdict)
     return 0 if verdict.good else 1

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from irsd.core.errors import IrsdError, StoreError, TransportError
+from irsd.core.geometry import Pose
 from irsd.core.runtime import Cell, Counters, Mailbox, Ring, monotonic_s
 from irsd.graph.edits import known_prototypes
 from irsd.graph.store import Store, StoredMap
 from irsd.maploop import MapLoop, Publication
 from irsd.pipeline import MapPipeline
-from irsd.resume import PLAN, Plan, Resumption, plan_of, plan_to_bytes
+from irsd.resume import CORRECTION, PLAN, Plan, Resumption, plan_of, plan_to_bytes, pose_to_bytes
 
 T = TypeVar("T")
 
@@ -88,12 +89,12 @@ class Keeper:
             raise answer[1]
         return answer[0]  # type: ignore[no-any-return]
 
-    def keep_geometry(self, name: str, value: bytes) -> None:
+    def keep_geometry(self, values: Mapping[str, bytes]) -> None:
         """See ``Store.keep_geometry``; of the keeper's thread. What can't be written now is written the next time."""
         if self._store is None or self._unstored:
             return
         try:
-            self._store.keep_geometry(name, value)
+            self._store.keep_geometry(values)
         except StoreError as error:
             self._error.set(str(error))
 
@@ -158,14 +159,14 @@ class GeometryKeeper:
             return
         self._stamp_ns = state.stamp_ns
         try:
-            floor, plan = self._loop.call(_plan_of)
+            floor, plan, map_T_odom = self._loop.call(_plan_of)
         except TransportError:  # too busy, or stopping
             return
-        self._keeper.keep_geometry(f"{PLAN}{floor}", plan_to_bytes(plan))
+        self._keeper.keep_geometry({f"{PLAN}{floor}": plan_to_bytes(plan), CORRECTION: pose_to_bytes(map_T_odom)})
         ended_s = monotonic_s()
         self._due_s = ended_s + max(_PERIOD_S, _SHARE * (ended_s - now_s))
 
 
-def _plan_of(pipeline: MapPipeline) -> tuple[int, Plan]:
+def _plan_of(pipeline: MapPipeline) -> tuple[int, Plan, Pose]:
     evidence = pipeline.plan_evidence()
-    return evidence.floor, plan_of(evidence)
+    return evidence.floor, plan_of(evidence), pipeline.map_T_odom

@@ -228,7 +228,7 @@ class MapLoop:
         for frame in frames:
             self._beats.beat(NAME)
             self._answer_calls()
-            for ready in [frame] if self._resumption is None else self._resumption.admit(frame):
+            for ready in self._admitted(frame):
                 self._step(ready)
                 if self.gave_up:
                     return False
@@ -243,6 +243,16 @@ class MapLoop:
             )
         )
         return bool(sensed)
+
+    def _admitted(self, frame: SyncedFrame) -> list[SyncedFrame]:
+        """The frames that may go into the map, which may be a stored one."""
+        if self._resumption is None:
+            return [frame]
+        ready = self._resumption.admit(frame)
+        start = self._resumption.take_start()
+        if start is not None:
+            self._pipeline.begin_at(start)
+        return ready
 
     def _answer_calls(self) -> None:
         for work in self._calls.drain():

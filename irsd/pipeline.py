@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from irsd.allround import AllRound
 from irsd.config import PipelineSettings
+from irsd.core.geometry import Pose
 from irsd.core.grid import GridFrame
 from irsd.core.times import is_due
 from irsd.core.types import CameraView, Localisation, MapUpdate, PlanEvidence, Prototype, Rooms, SyncedFrame
@@ -231,6 +232,15 @@ class MapPipeline:
         """The graph of now counts as revision ``seq``: it takes the place of another one."""
         self._builder.seq = seq
         self._graph = SceneGraph.from_snapshot(replace(self._graph.snapshot(), seq=seq))
+
+    @property
+    def map_T_odom(self) -> Pose:
+        """Where the odometry's frame lies in the map now."""
+        return self._localiser.map_T_odom
+
+    def begin_at(self, map_T_odom: Pose) -> None:
+        """Where the odometry's frame lies in a stored map, before its first step."""
+        self._localiser.begin_at(map_T_odom)
 
     def learn(self, taught: Mapping[int, Prototype]) -> None:
         """What was taught on earlier maps, for a map that begins."""

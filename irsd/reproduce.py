@@ -128,7 +128,10 @@ class Reproduction:
         for one in sensed:
             self._sync.push(one)
         for frame in self._sync.pop() if sensed else []:
-            for ready in self._resumption.admit(frame):
+            admitted, start = self._resumption.admit(frame), self._resumption.take_start()
+            if start is not None:
+                self.pipeline.begin_at(start)
+            for ready in admitted:
                 self.frames += 1
                 self._stamp_ns = ready.stamp_ns
                 try:

@@ -9,20 +9,23 @@ import logging
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.errors import DecodeError
+from irsd.core.geometry import Pose
 from irsd.core.grid import GridFrame
 from irsd.core.runtime import Cell
 from irsd.core.types import PlanEvidence, SyncedFrame
+from irsd.mapping.localise import moved
 from irsd.mapping.mapper import Mapper, MappingSettings
 
 _log = logging.getLogger(__name__)
 
+CORRECTION = "map_T_odom"  # geometry of this name: where odometry's frame lay in the map
 PLAN = "plan/"  # geometry of this name: the plan of a floor
 _HEADER = struct.Struct("<4sddddII")
 _MAGIC = b"IRP1"
@@ -95,6 +98,21 @@ def plan_from_bytes(payload: bytes) -> Plan:
     return Plan(GridFrame((x, y), resolution_m, height, width), floor_z_m, bits[0], bits[1])
 
 
+def pose_to_bytes(pose: Pose) -> bytes:
+    """A pose as 16 little-endian float64."""
+    return np.ascontiguousarray(pose, "<f8").tobytes()
+
+
+def pose_from_bytes(payload: bytes) -> Pose:
+    """Inverse of ``pose_to_bytes``. DecodeError for anything else."""
+    if len(payload) != 128:
+        raise DecodeError("a pose has 128 bytes")
+    pose = np.frombuffer(payload, "<f8").reshape(4, 4).astype(np.float64)
+    if not np.isfinite(pose).all():
+        raise DecodeError("a pose is not finite")
+    return pose
+
+
 def compare(now: Plan, stored: Plan) -> Agreement:
     """How a plan fits a stored one, both in one frame, as far as both reach."""
     wall, free = (_on(layer, now.frame, stored.frame) for layer in (now.wall, now.free))
@@ -119,11 +137,14 @@ def _on(layer: NDArray[np.bool_], old: GridFrame, new: GridFrame) -> NDArray[np.
 
 
 class Resumption:
-    """Keeps frames from a stored map until they are known to be of it. ``admit`` belongs to the map thread, ``problem`` to all."""
+    """Keeps frames from a stored map until they are known to be of it. ``admit`` belongs to the map thread, ``problem`` to all.
+
+    Odometry may go on where it was, with the drift that was found in it, or begin anew where the map began: whichever fits.
+    """
 
     def __init__(self, settings: MappingSettings, geometry: Mapping[str, bytes]) -> None:
         """geometry: of the stored map; without a plan in it there is nothing to compare, and every frame is admitted."""
-        self._settings = replace(settings, network=type(settings.network)())
+        self._settings = settings
         self._problem = Cell("")
         self.held = 0
         self.begin(geometry)
@@ -131,48 +152,65 @@ class Resumption:
     def begin(self, geometry: Mapping[str, bytes]) -> None:
         """The check anew, against another map."""
         self._stored = [plan_from_bytes(value) for name, value in geometry.items() if name.startswith(PLAN)]
-        self._scratch = Mapper(self._settings, None) if self._stored else None
+        starts = [pose_from_bytes(geometry[CORRECTION])] if CORRECTION in geometry else []
+        if not starts or not np.allclose(starts[0], np.eye(4), atol=1e-3):
+            starts.append(np.eye(4))
+        self._trials = [(start, Mapper(self._settings, None)) for start in starts] if self._stored else []
+        self._start: Pose | None = None
         self._waiting: list[SyncedFrame] = []
         self._looks = 0
         self._problem.set("")
 
     def accept(self) -> None:
         """The operator says that it is the place, in the stored frame."""
-        self._scratch, self._waiting = None, []
+        if self._trials:
+            self._start = self._trials[0][0]
+        self._trials, self._waiting = [], []
         self._problem.set("")
 
     @property
     def trusted(self) -> bool:
         """Whether frames go into the map."""
-        return self._scratch is None
+        return not self._trials
 
     @property
     def problem(self) -> str:
         """Why frames are held back; empty while they are not, or while it is not known yet."""
         return self._problem.get()
 
+    def take_start(self) -> Pose | None:
+        """map_T_odom that the next admitted frames begin with; told once, when it has been found out."""
+        start, self._start = self._start, None
+        return start
+
     def admit(self, frame: SyncedFrame) -> list[SyncedFrame]:
         """The frames that may go into the map now, in order."""
-        if self._scratch is None:
+        if not self._trials:
             return [frame]
         self._looks += 1
         if self._looks <= _LAST_LOOK:
-            self._scratch.integrate(frame)
+            for start, scratch in self._trials:
+                scratch.integrate(moved(frame, start))
         if self._looks <= _LOOKS:
             self._waiting.append(frame)
         due = self._looks == _LOOKS or (self._looks > _LOOKS and self._looks % _AGAIN_EVERY == 0)
         if due and self._looks <= _LAST_LOOK:
-            now = plan_of(self._scratch.plan_evidence())
-            found = compare(now, min(self._stored, key=lambda plan: abs(plan.floor_z_m - now.floor_z_m)))
+            found, start = max((self._judged(each) for each in self._trials), key=lambda pair: pair[0].walls)
             if found.good:
                 _log.info("this is the stored map: %.0f %% of the walls fit", 100 * found.walls)
-                ready, self._waiting, self._scratch = self._waiting if self._looks == _LOOKS else [frame], [], None
+                ready = self._waiting if self._looks == _LOOKS else [frame]
+                self._trials, self._waiting, self._start = [], [], start
                 self._problem.set("")
                 return ready
             self._waiting = []
             self._tell(found)
         self.held += self._looks > _LOOKS
         return []
+
+    def _judged(self, trial: tuple[Pose, Mapper]) -> tuple[Agreement, Pose]:
+        start, scratch = trial
+        now = plan_of(scratch.plan_evidence())
+        return compare(now, min(self._stored, key=lambda plan: abs(plan.floor_z_m - now.floor_z_m))), start
 
     def _tell(self, found: Agreement) -> None:
         if found.enough:

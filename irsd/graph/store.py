@@ -197,10 +197,10 @@ class Store:
                 document = node_to_json(value[0], seq=delta.seq, frame=delta.frame)
                 self._db.execute("INSERT INTO beneath VALUES (?, ?, ?, ?, ?)", (node_id, *_packed(value[1]), document))
 
-    def keep_geometry(self, name: str, value: bytes) -> None:
-        """What scans are compared with after the next start, under its name; replaces the last one."""
+    def keep_geometry(self, values: Mapping[str, bytes]) -> None:
+        """What scans are compared with after the next start, by name; replaces what had these names, all or nothing."""
         with self._explained(), self._transaction():
-            self._db.execute("INSERT OR REPLACE INTO geometry VALUES (?, ?)", (name, value))
+            self._db.executemany("INSERT OR REPLACE INTO geometry VALUES (?, ?)", list(values.items()))
 
     def clear(self, keep_prototypes: frozenset[int] = frozenset()) -> None:
         """Forget the map: an empty store, ready for another. keep_prototypes: examples by number that outlive it."""

@@ -73,16 +73,21 @@ class Localiser:
         """Where the odometry's frame lies in the map now."""
         return pose_from_xy_yaw(self._x_m, self._y_m, self._yaw_rad, self._z_m)
 
+    def begin_at(self, map_T_odom: Pose) -> None:
+        """Where the odometry's frame lies in a stored map, as far as its stored walls tell."""
+        self._x_m, self._y_m, self._z_m = map(float, map_T_odom[:3, 3])
+        self._yaw_rad = yaw_of(map_T_odom)
+
     def place(self, frame: SyncedFrame, voxels: VoxelMap) -> tuple[SyncedFrame, Localisation]:
         """A frame of the synchroniser, which is in the odometry's frame, laid in the map; and where that has put the robot."""
-        predicted = _moved(frame, self.map_T_odom)
+        predicted = moved(frame, self.map_T_odom)
         self._drift_on(frame.map_T_base)
         if self._settings.enabled and voxels.slot_count and len(frame.scan.points_map):
             found = self._match(predicted, voxels)
             self._state = "odometry" if found is None else "map"
             if found is not None:
                 self._move(self._trusted(found) * found, predicted.map_T_base[:2, 3])
-                predicted = _moved(frame, self.map_T_odom)
+                predicted = moved(frame, self.map_T_odom)
         where = Localisation(frame.stamp_ns, frame.odom_frame, self.map_T_odom, predicted.map_T_base, self._state)
         return predicted, where
 
@@ -154,7 +159,7 @@ def _size_m(move: NDArray[np.float64]) -> float:
     return float(np.hypot(move[0], move[1]) + 2 * LEVER_M * abs(np.sin(move[2] / 2)))
 
 
-def _moved(frame: SyncedFrame, parent_T_frame: Pose) -> SyncedFrame:
+def moved(frame: SyncedFrame, parent_T_frame: Pose) -> SyncedFrame:
     """The frame with everything in it seen from a parent frame."""
     scan = replace(
         frame.scan,

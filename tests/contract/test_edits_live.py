@@ -26,6 +26,7 @@ from irsd.graph.store import Store
 from irsd.io.keys import RobotKeys
 from irsd.io.session import Sample, Session, ZenohSettings, open_session
 from irsd.perception.encoder import LabelEncoder
+from irsd.perception.settings import PerceptionSettings
 
 WAIT_S = 120.0
 KEYS = RobotKeys("tester")
@@ -132,7 +133,11 @@ def things(session: Session) -> dict[str, str]:
 
 def test_whole_maps_come_and_go(tmp_path: Path) -> None:
     a_map(tmp_path)
-    config = IrsdConfig(robot=KEYS.robot, store=StoreSettings(directory=str(tmp_path)))
+    config = IrsdConfig(
+        robot=KEYS.robot,
+        store=StoreSettings(directory=str(tmp_path)),
+        perception=PerceptionSettings(nano=False),
+    )
     labels = LabelEncoder.load()
     first = {"I1": "chair", "I2": "table", "I3": "box"}
     deltas: Ring[Sample] = Ring(64)

@@ -247,7 +247,7 @@ def test_a_saved_map_is_whole_and_takes_the_place_of_another(tmp_path: Path) -> 
     store = Store(tmp_path / "a")
     for k in range(1, 6):
         store.append(*step(k))
-    store.keep_geometry("plan/0", b"walls")
+    store.keep_geometry({"plan/0": b"walls"})
     store.save_as(tmp_path / "snapshots" / "five.sqlite")
     for k in range(6, 9):
         store.append(*step(k))

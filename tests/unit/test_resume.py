@@ -12,7 +12,18 @@ from irsd.core.errors import DecodeError
 from irsd.core.grid import GridFrame
 from irsd.core.types import DeskewedScan, SyncedFrame
 from irsd.mapping.mapper import Mapper, MappingSettings
-from irsd.resume import PLAN, Plan, Resumption, compare, plan_from_bytes, plan_of, plan_to_bytes
+from irsd.resume import (
+    CORRECTION,
+    PLAN,
+    Plan,
+    Resumption,
+    compare,
+    plan_from_bytes,
+    plan_of,
+    plan_to_bytes,
+    pose_from_bytes,
+    pose_to_bytes,
+)
 
 SETTINGS = MappingSettings()
 
@@ -107,6 +118,23 @@ def test_a_place_that_is_not_on_the_map_is_held_until_the_map_is_reached(geometr
     admitted = [resumption.admit(frame(n, 1.0)) for n in range(5, 11)]
     assert [f.seq for ready in admitted for f in ready] == [9, 10]
     assert resumption.problem == ""
+
+
+def test_odometry_may_go_on_with_its_drift_or_begin_anew(geometry: dict[str, bytes]) -> None:
+    drifted = np.eye(4)
+    drifted[:2, 3] = [0.6, -0.4]
+    stored = {**geometry, CORRECTION: pose_to_bytes(drifted)}
+    for shift, start in (((-0.6, 0.4, 0.0), drifted), ((0.0, 0.0, 0.0), np.eye(4))):
+        resumption = Resumption(SETTINGS, stored)
+        assert resumption.take_start() is None
+        assert len([f for n in range(6) for f in resumption.admit(frame(n, 1.0, shift))]) == 6
+        found = resumption.take_start()
+        assert found is not None
+        np.testing.assert_array_equal(found, start)
+        assert resumption.take_start() is None
+    for bad in (b"", b"x" * 127, np.full(16, np.nan).tobytes()):
+        with pytest.raises(DecodeError):
+            pose_from_bytes(bad)
 
 
 def test_without_a_stored_plan_nothing_is_held() -> None:
