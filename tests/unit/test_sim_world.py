@@ -11,7 +11,7 @@ import pytest
 from irsd.sensors.decode import decode_camera_info, decode_detections, decode_odometry, decode_pointcloud2, decode_tf
 from irsd.sim.drive import PathTask
 from irsd.sim.space import ROBOT_RADIUS_M
-from irsd.sim.world import World, simulate
+from irsd.sim.world import World, WorldSettings, simulate
 
 
 def drive(world: World, limit_s: float) -> float:
@@ -141,3 +141,9 @@ def test_messages_are_what_a_robot_sends() -> None:
     found = [decode_detections(ids, info) for ids, info in pairs]
     assert sum(len(d.number) for d in found) > 20
     assert all(d.frame_id == "camera_optical" for d in found)
+
+
+def test_a_world_without_a_detector_sends_pictures_only() -> None:
+    topics = {message.topic for message in simulate(4, 0.8, WorldSettings(detections=False))}
+    assert "/camera/image/compressed" in topics
+    assert not {topic for topic in topics if topic.startswith("/detections")}
