@@ -6,6 +6,7 @@ room; and names a room to tell it from others: a room of unknown kind is rarely 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -43,6 +44,7 @@ _FEW = 0.15  # votes below this tell nothing
 UNTOLD = "room"
 _PASSAGE = "corridor"  # known by its shape: long, narrow, with many doors
 _DOORS_OF_PASSAGE = 3
+_MOST_NAMES = 256  # of rooms whose grades are kept for a graph
 _BEYOND_M = 0.7  # so far from a door one is in the room behind it
 
 
@@ -55,13 +57,15 @@ class _Room:
     glazed: float
 
 
-def _passage(room: RoomNode, index: Index) -> float:
-    """0..1: how far a room is a corridor by its shape: more than three times as long as wide, with doors to several rooms."""
-    doors = sum(room.id in door.rooms for door in index.graph.doors)
-    if doors < _DOORS_OF_PASSAGE or len(room.polygon_xy) < 3:
-        return 0.0
-    (_, (a, b), _) = cv2.minAreaRect(np.asarray(room.polygon_xy, np.float32))
-    return float(np.clip(max(a, b) / max(min(a, b), 1e-3) - 2.5, 0.0, 1.0))
+def _passages(index: Index) -> NDArray[np.float64]:
+    """[R] 0..1: how far rooms are corridors by their shape: some three times as long as wide, with doors to several rooms."""
+    doors = Counter(name for door in index.graph.doors for name in set(door.rooms))
+    out = np.zeros(len(index.graph.rooms))
+    for k, room in enumerate(index.graph.rooms):
+        if doors[room.id] >= _DOORS_OF_PASSAGE and len(room.polygon_xy) >= 3:
+            (_, (a, b), _) = cv2.minAreaRect(np.asarray(room.polygon_xy, np.float32))
+            out[k] = np.clip(max(a, b) / max(min(a, b), 1e-3) - 2.5, 0.0, 1.0)
+    return out
 
 
 class Places:
@@ -74,6 +78,9 @@ class Places:
         self._kinds_of: dict[str, tuple[str, ...]] = {}
         self._weights: dict[str, NDArray[np.float64]] = {}
         self._rooms: dict[str, _Room] = {}
+        self._graded_of: Index | None = None  # the graph of which the next two are
+        self._graded: dict[str, NDArray[np.float64]] = {}
+        self._passages = np.zeros(0)
         self._columns = {kind: k for k, kind in enumerate(self.names.rooms)}
         self._typical: dict[str, set[str]] = {}
         for kind in self.names.rooms:
@@ -108,7 +115,17 @@ class Places:
         return out
 
     def grades(self, wanted: str, index: Index) -> NDArray[np.float64]:
-        """[R] ``grade`` of every room of a graph, each seen among the others and by its windows."""
+        """[R] ``grade`` of every room of a graph, each seen among the others, by its windows and its shape."""
+        if self._graded_of is not index:
+            self._graded_of, self._graded, self._passages = index, {}, _passages(index)
+        found = self._graded.get(wanted)
+        if found is None:
+            if len(self._graded) >= _MOST_NAMES:  # names come from outside: they must not fill the memory
+                self._graded.clear()
+            found = self._graded[wanted] = self._grades(wanted, index)
+        return found
+
+    def _grades(self, wanted: str, index: Index) -> NDArray[np.float64]:
         shares = [self._shares(room) for room in index.graph.rooms]
         surest: dict[str, float] = {}
         for of_room in shares:
@@ -117,7 +134,7 @@ class Places:
         out = np.zeros(len(shares))
         for k, room in enumerate(index.graph.rooms):
             likely = shares[k]
-            passage = _passage(room, index)
+            passage = float(self._passages[k])
             if passage > 0.0:  # what stands in a corridor says little: plants, pictures
                 rest = {kind: share * (1.0 - passage) for kind, share in likely.items()}
                 likely = {**rest, _PASSAGE: max(passage, rest.get(_PASSAGE, 0.0))}
