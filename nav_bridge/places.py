@@ -40,6 +40,7 @@ _BEST, _SURE = (
 )  # grade of the likeliest kind of a room where that is not sure, and of the kind a room is known to be
 _TELLING = 0.6  # share of its label from which a room is known to be of that kind
 _BY_THINGS = 0.7  # what the things round it are worth against the room's label
+_ELSEWHERE = 0.5  # the same where a thing asked for stands in a room that is known to be of that kind
 _FEW = 0.15  # votes below this tell nothing
 UNTOLD = "room"
 _PASSAGE = "corridor"  # known by its shape: long, narrow, with many doors
@@ -230,6 +231,8 @@ class Places:
             total = votes.sum(1)
             share = votes[:, column] / np.maximum(total, _FEW)
             by_things[here] = np.where(votes.max(1, initial=0.0) >= _FEW, np.minimum(1.0, 2.0 * share), 0.0)
+        if by_room.max(initial=0.0) >= _SURE:
+            by_things = by_things * np.where(by_room >= _SURE, 1.0, _ELSEWHERE)
         soft = 1.0 - (1.0 - 0.95 * by_room) * (1.0 - _BY_THINGS * by_things)
         named = next((k for k, room in enumerate(index.graph.rooms) if fold(room.id) == fold(wanted)), None)
         return soft if named is None else (index.room[rows] == named).astype(np.float64)
