@@ -34,6 +34,16 @@ def warm_up() -> None:
     for stamp_s in range(1, 9):  # rays pass through all of it until it is gone
         memory.watch(np.zeros(3), 4.0 * cube, stamp_s * 1_000_000_000)
     InstanceMemory(FusionSettings(), _embed).restore(memory.states())
+    blind = InstanceMemory(
+        FusionSettings(), _embed
+    )  # two sides of one thing by pictures that are masks alone, edges and all
+    nothing = np.zeros((0, 3), np.float32)
+    for stamp_ns, side in enumerate((cube[:600], cube[400:])):
+        mask = LiftedMask(1, side, (("thing", 1.0),), 1.0, None, False)
+        blind.observe(
+            CameraView(stamp_ns, np.eye(4), camera, None, None), LiftedView(stamp_ns, (mask,), nothing, False), None
+        )
+    blind.collect(1)
     ids = np.zeros((8, 8), np.uint16)
     ids[2:6, 2:6] = 1
     score, number = np.ones(1, np.float32), np.ones(1, np.int32)
