@@ -38,7 +38,7 @@ def warm_up() -> None:
         FusionSettings(), _embed
     )  # two sides of one thing by pictures that are masks alone, edges and all
     nothing = np.zeros((0, 3), np.float32)
-    for stamp_ns, side in enumerate((cube[:600], cube[400:])):
+    for stamp_ns, side in enumerate((cube[:520], cube[480:])):
         mask = LiftedMask(1, side, (("thing", 1.0),), 1.0, None, False)
         blind.observe(
             CameraView(stamp_ns, np.eye(4), camera, None, None), LiftedView(stamp_ns, (mask,), nothing, False), None
