@@ -77,6 +77,7 @@ class Localiser:
         """Where the odometry's frame lies in a stored map, as far as its stored walls tell."""
         self._x_m, self._y_m, self._z_m = map(float, map_T_odom[:3, 3])
         self._yaw_rad = yaw_of(map_T_odom)
+        self._deviation_m, self._variance_m2 = _FIRST_DEVIATION_M, _FIRST_DEVIATION_M**2
 
     def place(self, frame: SyncedFrame, voxels: VoxelMap) -> tuple[SyncedFrame, Localisation]:
         """A frame of the synchroniser, which is in the odometry's frame, laid in the map; and where that has put the robot."""
