@@ -73,7 +73,7 @@ def find_place(now: PlanView, robot_xy: tuple[float, float], stored: PlanView) -
     open_to = np.stack([_window_max(free.astype(np.int16), 1 << h) for h in range(_LEVELS)])
     farthest = max(float(np.hypot(*walls.T).max()), 1.0)
     count = int(np.ceil(2 * np.pi / (_CELL_M / farthest)))  # neighbouring headings move the farthest wall by a cell
-    turns = _turned(walls, np.arange(count) * (2 * np.pi / count))
+    turns = _turned(walls, np.arange(count, dtype=np.float64) * (2 * np.pi / count))
     roots = _root_scores(turns, bounds[-1], open_to[-1])
     apart = np.array([_APART_M / _CELL_M, _APART_RAD * count / (2 * np.pi)])
     nowhere = np.array([-1, -1, -1])
@@ -114,7 +114,11 @@ def _fields(stored: PlanView) -> tuple[Cells, NDArray[np.bool_], Floats]:
     for grid, layer in ((wall, stored.wall), (free, stored.free)):
         cells = np.floor(stored.frame.centres_of(np.argwhere(layer)) / _CELL_M).astype(np.int64) - low
         grid[cells[:, 1], cells[:, 0]] = True
-    return np.round(_UNIT * _values(wall, free, _CELL_M)).astype(np.int16), free & ~wall, low * _CELL_M
+    return (
+        np.round(_UNIT * _values(wall, free, _CELL_M)).astype(np.int16),
+        free & ~wall,
+        low.astype(np.float64) * _CELL_M,
+    )
 
 
 def _values(wall: NDArray[np.bool_], free: NDArray[np.bool_], cell_m: float) -> NDArray[np.float32]:
