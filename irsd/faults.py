@@ -102,9 +102,6 @@ ADVICE: Mapping[str, Advice] = MappingProxyType(
             "irsctl map new, or irsctl map accept if odometry is where it was; it goes on by itself once scans fit",
         ),
         "disk_low": Advice("none yet; soon the map can't be kept", "free space on the disk of the state directory"),
-        "memory_high": Advice(
-            "none yet; at MemoryMax irsd is ended and starts again", "raise MemoryMax=, or map a smaller area"
-        ),
     }
 )
 

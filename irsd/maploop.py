@@ -228,6 +228,7 @@ class MapLoop:
         for frame in frames:
             self._beats.beat(NAME)
             self._answer_calls()
+            self._note("step")  # after the calls: what they did is noted before the frame
             for ready in self._admitted(frame):
                 self._step(ready)
                 if self.gave_up:

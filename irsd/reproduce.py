@@ -7,6 +7,7 @@ import logging
 import shutil
 import tempfile
 import zipfile
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import Any
 from irsd.bundles import SCHEMA, graph_hash
 from irsd.config import IrsdConfig, load_config
 from irsd.core.errors import DecodeError, EditError, IrsdError
-from irsd.core.types import Sensed
+from irsd.core.types import Sensed, SyncedFrame
 from irsd.graph.edits import Request
 from irsd.graph.store import FILE_NAME, Store, StoredMap
 from irsd.ingest import SensorDecoder
@@ -90,6 +91,7 @@ class Reproduction:
         self._resumption = Resumption(settings.pipeline.mapping, {} if stored is None else stored.geometry)
         self._decoder, self._sync = SensorDecoder(settings.ingest), Synchronizer(settings.sync)
         self._sensed: list[Sensed] = []
+        self._waiting: deque[SyncedFrame] = deque()
         self._stamp_ns = 0
         self.frames = self.failed = 0
 
@@ -111,6 +113,8 @@ class Reproduction:
         try:
             if what == "pop":
                 self._pop()
+            elif what == "step":
+                self._step()
             elif what == "finish":
                 self.pipeline.finish(self._stamp_ns)
             elif what == "edit":
@@ -127,7 +131,12 @@ class Reproduction:
         sensed, self._sensed = self._sensed, []
         for one in sensed:
             self._sync.push(one)
-        for frame in self._sync.pop() if sensed else []:
+        self._waiting.extend(self._sync.pop() if sensed else [])
+
+    def _step(self) -> None:
+        """The next frame: edits and questions came between the frames of one pop, too."""
+        if self._waiting:
+            frame = self._waiting.popleft()
             admitted, start = self._resumption.admit(frame), self._resumption.take_start()
             if start is not None:
                 self.pipeline.begin_at(start)
