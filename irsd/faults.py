@@ -37,6 +37,10 @@ ADVICE: Mapping[str, Advice] = MappingProxyType(
             _NO_MAP, "start the driver; compare its topic with ingest.* in irsd.yaml (irsctl doctor lists what arrives)"
         ),
         "sensor_stale": Advice(_NO_MAP, "look at the driver, its cable and its power; irsd goes on by itself"),
+        "camera_stale": Advice(_NO_EYES, "look at the camera's driver or the detector; irsd goes on by itself"),
+        "sensor_undecodable": Advice(
+            "its messages are counted and dropped", "the topic carries another type: compare ingest.* (irsctl doctor)"
+        ),
         "sensor_frozen": Advice(
             "the map takes the same picture of the world again and again",
             "restart the driver: it repeats its last message",
@@ -182,7 +186,8 @@ def silent_sensors(settings: HealthSettings, sensors: Mapping[str, Mapping[str, 
                 if place == "sensor":
                     found.append(Finding("sensor_missing", topic, f"{topic}: nothing received yet"))
             elif age_s > patience_s:
-                found.append(Finding(f"{place}_stale", topic, f"{topic}: silent for {age_s:.1f} s"))
+                code = "sensor_stale" if place == "sensor" else "camera_stale"
+                found.append(Finding(code, topic, f"{topic}: silent for {age_s:.1f} s"))
         if sensor["bad_run"] >= settings.bad_messages and age_s is not None and age_s <= 2.0 * settings.sensor_stale_s:
             text = f"{topic}: the last {sensor['bad_run']} messages can't be used: {sensor['last_error']}"
             found.append(Finding("sensor_undecodable", topic, text))

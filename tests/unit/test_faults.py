@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import logging
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import irsd
 from irsd.core.faults import Finding
 from irsd.faults import ADVICE, FaultLedger, blocked, own_state, short_disk, silent_sensors
 from irsd.health import HealthSettings, WallClock
 
 SETTINGS = HealthSettings()
+PACKAGE = Path(irsd.__file__).parent
 BASE_NS = 1_700_000_000_000_000_000
 
 
@@ -54,6 +58,21 @@ def test_every_fault_says_what_it_costs_and_what_to_do() -> None:
         document = FaultLedger().update([Finding(code, "s", "t")], 0.0, BASE_NS)[0].document()
         assert document["effect"] == advice.effect
         assert min(len(advice.effect), len(advice.remedy)) > 10, code
+
+
+def test_every_code_in_the_source_has_its_advice() -> None:
+    """A code without advice would end the daemon when its fault is told. A code is the only text of its form in these files."""
+    said: set[str] = set()
+    for path in (
+        PACKAGE / "faults.py",
+        *(PACKAGE / "sensors" / f"{n}.py" for n in ("watch", "alignment", "picture_health")),
+    ):
+        said |= set(
+            re.findall(r'"((?:sensor|camera|tf|odometry|time|clock|extrinsic|system)_[a-z_]+)"', path.read_text())
+        )
+        said |= set(re.findall(r'Finding\("([a-z_]+)"', path.read_text()))
+    frames_of_the_input = {"camera_info", "tf_static"}
+    assert said - frames_of_the_input == set(ADVICE)
 
 
 @pytest.mark.parametrize(
