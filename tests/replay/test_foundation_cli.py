@@ -46,7 +46,7 @@ def configure(folder: Path, detector: Path) -> Path:
                 "outputs": {"image_embeds": "float32[batch,16]"},
             }
         },
-        "cost": {"image": {"cpu_ms": [1, 1], "rss_mb": [1, 1]}},
+        "cost": {"image": {"cpu_ms": [1, 1], "rss_mb": [1, 1], "peak_mb": [1, 1]}},
         "preprocess": {"side_px": 8, "filter": "bicubic", "levels": "clip", "max_tokens": 77},
     }
     (models / "catalogue.yaml").write_text(yaml.safe_dump({"schema": 1, "models": {"colours": entry}}))
