@@ -163,7 +163,7 @@ def test_points_at_the_edge_are_neither_object_nor_background() -> None:
         ([0, 0, 0, 1, 2], 3, False),
         ([1, 1, 1, 1], 4, True),
         ([1, 1, 1, 1, 1, 1, 1, 0, 0, 0], 10, True),
-        ([4, 5, 0], 3, False),
+        ([4, 5, 0], 1, False),
     ],
 )
 def test_structure_joins_only_flat_things(labels: list[int], kept: int, flat: bool) -> None:
