@@ -27,7 +27,7 @@ _BIN_RAD = np.deg2rad(1.0)
 _COLUMNS, _ROWS = 360, 180
 _PROBES = 128  # points of an instance that are asked about
 _NEVER = -(1 << 62)
-_DECIDED = 0.35  # of its points, or the look was none: what is hidden can't be missed
+_DECIDED = 0.35  # of its points that rays came near, or the look was none: what is hidden can't be missed
 _SECTORS = 16  # directions from which a thing was detected
 _PER_LOOK = 3  # pictures of one look that count: those from one place err alike
 _FRESH_NS = (
@@ -93,7 +93,10 @@ def range_image(origin: NDArray[np.float64], points: Floats) -> tuple[Floats, Fl
 
 @kernel
 def seen_at(origin: NDArray[np.float64], near: Floats, far: Floats, probes: Floats, margin: float) -> NDArray[np.int8]:
-    """Per point [n, 3]: 1 passed through, -1 confirmed, 0 undecided. Passed only when all that was measured beside it lies behind."""
+    """Per point [n, 3]: 1 passed through, -1 confirmed, -2 hidden, 0 nothing was measured there (between the beams of a LiDAR).
+
+    Passed only when all that was measured beside it lies behind.
+    """
     out = np.zeros(len(probes), np.int8)
     for p in range(len(probes)):
         x, y, z = probes[p, 0] - origin[0], probes[p, 1] - origin[1], probes[p, 2] - origin[2]
@@ -112,6 +115,8 @@ def seen_at(origin: NDArray[np.float64], near: Floats, far: Floats, probes: Floa
             out[p] = 1
         elif most >= distance - margin and least >= distance - margin:
             out[p] = -1
+        else:
+            out[p] = -2
     return out
 
 
@@ -295,8 +300,8 @@ class ChangeWatch:
         for instance_id in close:
             place = self._places[instance_id]
             seen = sight.of(place.probes)
-            passed, decided = int((seen > 0).sum()), int((seen != 0).sum())
-            if decided >= max(s.min_decided, _DECIDED * len(seen)):
+            passed, decided = int((seen > 0).sum()), int((np.abs(seen) == 1).sum())
+            if decided >= max(s.min_decided, _DECIDED * int((seen != 0).sum())):
                 place.passed(passed / decided, s, stamp_ns - place.seen_ns <= _FRESH_NS)
             watched = stamp_ns - place.seen_ns <= round(s.looks * s.look_period_s * 1e9)
             if (
