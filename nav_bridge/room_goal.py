@@ -74,9 +74,19 @@ def _order(choice: str, room: RoomNode, robot_xy: tuple[float, float]) -> float:
 
 def room_floor(costs: CostMap, polygon_xy: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
     """[N, 2] centres of the cells of a room where the robot can stand, map frame: who is at one of them has arrived."""
-    cells = np.argwhere(costs.passable)
-    xy = costs.frame.centres_of(cells)
-    return np.asarray(xy[in_polygon(xy, polygon_xy)] if len(polygon_xy) >= 3 else xy[:0], np.float64)
+    return costs.frame.centres_of(_cells_inside(costs, costs.passable, polygon_xy))
+
+
+def _cells_inside(
+    costs: CostMap, where: NDArray[np.bool_], polygon_xy: Sequence[tuple[float, float]]
+) -> NDArray[np.int64]:
+    """[N, 2] cells of a mask [H, W] whose centres lie in a polygon. The work is the polygon's, not the map's."""
+    if len(polygon_xy) < 3:
+        return np.zeros((0, 2), np.int64)
+    corners = costs.frame.cells_of(np.asarray(polygon_xy, np.float64))
+    low, high = np.maximum(corners.min(0), 0), np.maximum(corners.max(0) + 1, 0)
+    cells = np.argwhere(where[low[0] : high[0], low[1] : high[1]]) + low
+    return np.asarray(cells[in_polygon(costs.frame.centres_of(cells), polygon_xy)])
 
 
 def find_place_inside(
@@ -91,12 +101,10 @@ def find_place_inside(
     start = snap_to_passable(costs, robot_xy, start_reach_m)
     if start is None:
         return Unreachable("the robot stands where the map has no free space", None)
-    cells = np.argwhere(connected_to(costs, start))
-    xy = costs.frame.centres_of(cells)
-    inside = in_polygon(xy, polygon_xy) if len(polygon_xy) >= 3 else np.zeros(len(xy), bool)
-    if not inside.any():
+    cells = _cells_inside(costs, connected_to(costs, start), polygon_xy)
+    if not len(cells):
         return Unreachable("no free place in the room can be reached", None)
-    cells, xy = cells[inside], xy[inside]
+    xy = costs.frame.centres_of(cells)
     outline = np.asarray(polygon_xy, np.float64)
     depth = _to_outline(xy, outline)
     clear = costs.clear_m[cells[:, 0], cells[:, 1]].astype(np.float64)

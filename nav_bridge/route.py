@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from irsd.core.grid import GridFrame
 from irsd.core.settings import setting
 from irsd.graph.model import DoorEdge
-from nav_bridge.search import search
+from nav_bridge.search import least_clearance, search
 
 _DOOR_APART_M = 0.1  # a corner of the way as near to a door as this needs no waypoint beside it
 _LARGE_CELLS = 500_000  # a map with more is searched coarsely first
@@ -150,46 +150,43 @@ def find_path(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> 
         return None
     if costs.passable.size > _LARGE_CELLS:
         near = _near_coarse_way(costs, start, goal)
-        path = None if near is None else _cheapest(near, costs.cost, start, goal)
+        path = None if near is None else _cheapest(near[0], near[1], costs.cost, start, goal)
         if path is not None:
             return path
-    return _cheapest(costs.passable, costs.cost, start, goal)
+    return _cheapest(costs.passable, (0, 0), costs.cost, start, goal)
 
 
 def _cheapest(
-    passable: NDArray[np.bool_], cost: NDArray[np.float32], start: tuple[int, int], goal: tuple[int, int]
+    passable: NDArray[np.bool_],
+    corner: tuple[int, int],
+    cost: NDArray[np.float32],
+    start: tuple[int, int],
+    goal: tuple[int, int],
 ) -> NDArray[np.int64] | None:
-    """``find_path`` over the cells that are passable, in the window that holds them."""
-    rows, cols = (np.flatnonzero(passable.any(axis)) for axis in (1, 0))
-    (r0, r1), (c0, c1) = ((int(ends[0]), int(ends[-1]) + 1) for ends in (rows, cols))
-    # A ring of impassable cells spares the inner loop all tests for the edge.
-    width = c1 - c0 + 2
-    open_cell = np.pad(passable[r0:r1, c0:c1], 1).ravel()
-    price = np.pad(cost[r0:r1, c0:c1] * np.float32(0.5), 1).astype(np.float64).ravel()
-    source, target = ((cell[0] - r0 + 1) * width + cell[1] - c0 + 1 for cell in (start, goal))
-    came = search(open_cell, price, width, source, target)
-    if source != target and came[target] < 0:
-        return None
-    chain = [target]
-    while chain[-1] != source:
-        chain.append(int(came[chain[-1]]))
-    flat = np.array(chain[::-1], np.int64)
-    return np.stack([flat // width - 1 + r0, flat % width - 1 + c0], 1)
+    """``find_path`` over the passable cells of a window [h, w] whose first cell is ``corner`` of the map that cost [H, W] tells of."""
+    source, target = ((cell[0] - corner[0], cell[1] - corner[1]) for cell in (start, goal))
+    path = search(np.ascontiguousarray(passable), np.ascontiguousarray(cost), corner, source, target)
+    return path + np.array(corner, np.int64) if len(path) else None
 
 
-def _near_coarse_way(costs: CostMap, start: tuple[int, int], goal: tuple[int, int]) -> NDArray[np.bool_] | None:
-    """bool [H, W]: passable cells near the cheapest way on coarse cells; None when there is none."""
-    height, width = costs.passable.shape
+def _near_coarse_way(
+    costs: CostMap, start: tuple[int, int], goal: tuple[int, int]
+) -> tuple[NDArray[np.bool_], tuple[int, int]] | None:
+    """Window of the passable cells near the cheapest way on coarse cells, and its first cell; None when there is none."""
     passable, cost = costs.coarse
     ends = ((cell[0] // _COARSE, cell[1] // _COARSE) for cell in (start, goal))
-    way = _cheapest(passable, cost, *ends)
+    way = _cheapest(passable, (0, 0), cost, *ends)
     if way is None:
         return None
-    band = np.zeros(passable.shape, np.uint8)
-    band[way[:, 0], way[:, 1]] = 1
+    low = np.maximum(way.min(0) - _BAND, 0)
+    high = np.minimum(way.max(0) + _BAND + 1, passable.shape)
+    band = np.zeros(high - low, np.uint8)
+    band[way[:, 0] - low[0], way[:, 1] - low[1]] = 1
     wide = np.asarray(cv2.dilate(band, np.ones((2 * _BAND + 1, 2 * _BAND + 1), np.uint8)), bool)
-    fine = np.repeat(np.repeat(wide, _COARSE, 0), _COARSE, 1)[:height, :width]
-    return fine & costs.passable
+    (r0, c0), (r1, c1) = _COARSE * low, _COARSE * high
+    near = costs.passable[r0:r1, c0:c1]
+    fine = np.repeat(np.repeat(wide, _COARSE, 0), _COARSE, 1)[: near.shape[0], : near.shape[1]]
+    return fine & near, (int(r0), int(c0))
 
 
 def path_cost(costs: CostMap, path: NDArray[np.integer]) -> float:
@@ -210,10 +207,10 @@ def line_cells(frame: GridFrame, a_xy: NDArray[np.floating], b_xy: NDArray[np.fl
 
 def _line_clearance(costs: CostMap, a_xy: NDArray[np.floating], b_xy: NDArray[np.floating]) -> float:
     """Least clearance along a segment and a fifth of a cell to its sides: a line that grazes a corner must not depend on rounding."""
-    ahead = np.asarray(b_xy, np.float64)[:2] - np.asarray(a_xy, np.float64)[:2]
-    aside = np.array([-ahead[1], ahead[0]]) * (0.2 * costs.frame.resolution_m / max(float(np.hypot(*ahead)), 1e-9))
-    cells = np.vstack([line_cells(costs.frame, a_xy + shift, b_xy + shift) for shift in (0 * aside, aside, -aside)])
-    return float(costs.clear_m[cells[:, 0], cells[:, 1]].min()) if len(cells) else 0.0
+    frame = costs.frame
+    a, b = ((float(point[0]), float(point[1])) for point in (a_xy, b_xy))
+    least = least_clearance(costs.clear_m, frame.origin_xy_m, frame.resolution_m, a, b, 0.2)
+    return 0.0 if math.isinf(least) else float(least)
 
 
 def straighten(costs: CostMap, path: NDArray[np.integer], settings: RouteSettings) -> list[int]:
@@ -280,17 +277,15 @@ def plan_route(
 
 def _with_doors(corners: NDArray[np.float64], doors: Sequence[DoorEdge]) -> NDArray[np.float64]:
     """The corners [K, 2] of a way and the points of it that are nearest to the doors it goes through, in order along it."""
+    places = np.array([door.position_xy for door in doors], np.float64).reshape(-1, 2)
+    widths = np.maximum(np.array([door.width_m for door in doors]) / 2, _DOOR_APART_M)
     out = [corners[:1]]
     for a, b in itertools.pairwise(corners):
         length = float(np.hypot(*(b - a)))
-        ahead = (b - a) / max(length, 1e-9)
-        found = []
-        for door in doors:
-            offset = np.asarray(door.position_xy, np.float64) - a
-            along, aside = float(offset @ ahead), abs(float(offset[0] * ahead[1] - offset[1] * ahead[0]))
-            if _DOOR_APART_M < along < length - _DOOR_APART_M and aside <= max(door.width_m / 2, _DOOR_APART_M):
-                found.append(along)
-        out += [(a + along * ahead)[None] for along in sorted(found)] + [b[None]]
+        ahead, offset = (b - a) / max(length, 1e-9), places - a
+        along, aside = offset @ ahead, np.abs(offset[:, 0] * ahead[1] - offset[:, 1] * ahead[0])
+        through = (along > _DOOR_APART_M) & (along < length - _DOOR_APART_M) & (aside <= widths)
+        out += [a + np.sort(along[through])[:, None] * ahead, b[None]]
     return np.concatenate(out)
 
 

@@ -27,6 +27,7 @@ from nav_bridge.route import (
     resample,
     snap_to_passable,
 )
+from nav_bridge.search import least_clearance
 
 SETTINGS = RouteSettings(robot_radius_m=0.1, clearance_m=0.0, comfort_m=0.2, spacing_m=0.5)
 grids = st.integers(0, 2**32 - 1).map(lambda seed: random_grid(np.random.default_rng(seed)))
@@ -105,6 +106,18 @@ def test_waypoints_are_free_and_end_where_they_shall(cells: NDArray[np.int8], a:
     for p, q in itertools.pairwise(points):
         on = line_cells(costs.frame, p[:2], q[:2])
         assert not costs.blocked[on[:, 0], on[:, 1]].any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(grids, *[st.floats(-2.0, 3.0)] * 4)
+def test_clearance_along_a_line_is_that_of_the_cells_along_it(
+    cells: NDArray[np.int8], x0: float, y0: float, x1: float, y1: float
+) -> None:
+    costs, a, b = costs_of(cells), (x0, y0 + 3.0), (x1, y1 + 3.0)
+    on = line_cells(costs.frame, np.array(a), np.array(b))
+    least = least_clearance(costs.clear_m, costs.frame.origin_xy_m, 0.1, a, b, 0.0)
+    assert least == costs.clear_m[on[:, 0], on[:, 1]].min(initial=np.inf)
+    assert least_clearance(costs.clear_m, costs.frame.origin_xy_m, 0.1, a, b, 0.2) <= least, "wider sees no less"
 
 
 def test_clearance_is_preferred_where_there_is_room() -> None:
