@@ -1,8 +1,8 @@
 """Names of things by shape and by picture together, over one vocabulary, with an honest way out: what is like nothing is an "object".
 
-The chance of a name is softmax(scale * (w * cosine by shape + (1 - w) * cosine by picture)), or of the one that there is. The scale
-comes with the shape network, the weight w from measuring both on things that neither was trained on. Shapes are encoded anew only
-when a cloud has changed by much, a few at a time.
+The chance of a name is softmax(scale * (w * cosine by shape + (1 - w) * cosine by picture) + g * log of how common it is), or of the
+one that there is. The scale comes with the shape network, the weights w and g from measuring on things that nothing was trained on.
+Shapes are encoded anew only when a cloud has changed by much, a few at a time.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from irsd.core.settings import setting
 from irsd.core.types import InstanceState, Prototype
+from irsd.perception.commonness import commonness
 from irsd.perception.prototypes import Example, liken
 
 Floats = NDArray[np.float32]
@@ -26,7 +27,13 @@ UNKNOWN = "object"
 class NamingSettings:
     """How irsd's own eyes name things."""
 
-    shape_share: float = setting(0.7, "weight of the shape in a name, against the pictures", lo=0.0, hi=1.0)
+    shape_share: float = setting(0.65, "weight of the shape in a name, against the pictures", lo=0.0, hi=1.0)
+    commonness: float = setting(
+        0.7,
+        "how far a name's being common counts: 0 not at all, 1 as if every building were the usual one",
+        lo=0.0,
+        hi=2.0,
+    )
     shapes_per_step: int = setting(6, "clouds encoded per step of the graph; the others wait", lo=1, hi=1000)
     changed_share: float = setting(
         0.2, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0
@@ -74,6 +81,7 @@ class Namer:
         self._scale, self._min_probability = scale, min_probability
         self._names = tuple(dict.fromkeys([*vocabulary, UNKNOWN]))
         self._vectors = np.asarray(embed(self._names), np.float32)
+        self._common = settings.commonness * np.log(commonness(self._names))
         self._known: dict[int, _Known] = {}
         self._waiting: dict[int, None] = {}
         self._examples: tuple[Example, ...] = ()
@@ -140,7 +148,8 @@ class Namer:
         by = np.zeros((2, len(self._names)))
         by[0] = 0.0 if shape is None else self._vectors @ shape
         by[1] = 0.0 if image is None else self._vectors @ image
-        at = dict(zip(self._names, (self._scale * (share * by[0] + (1 - share) * by[1])).tolist(), strict=True))
+        likely = self._scale * (share * by[0] + (1 - share) * by[1]) + self._common
+        at = dict(zip(self._names, likely.tolist(), strict=True))
         for name, (by_shape, by_image) in liken(self._examples, shape, image).items():
             at[name] = max(at.get(name, -np.inf), self._scale * (share * by_shape + (1 - share) * by_image))
         names, values = list(at), np.array(list(at.values()))

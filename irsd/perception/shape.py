@@ -18,14 +18,28 @@ from numpy.typing import NDArray
 from irsd.core.errors import ModelError
 from irsd.perception.models import Cancel, Session
 
-__all__ = ["MEASURES", "MIN_POINTS", "POINTS", "UNKNOWN", "Calibration", "ShapeEncoder", "features"]
+__all__ = ["MEASURES", "MIN_POINTS", "POINTS", "UNKNOWN", "Calibration", "ShapeEncoder", "features", "grounded"]
 
 POINTS = 256  # of a cloud, that the network sees
 MEASURES = 12
 MIN_POINTS = 4  # fewer say nothing of a shape
 UNKNOWN = "object"  # the name for what the network does not know
 _THIN_M = 0.02  # thinner than a voxel means nothing
+_FOOT_M = 0.2  # what ends no higher above the floor stands on it: the map takes the lowest voxels of a foot for floor
+_BARE_M = 0.03  # what ends lower has lost nothing
+_LEG_M = 0.06  # so much of the lower end is drawn out down to the floor
 _INPUTS, _OUTPUT = ("points", "measures"), "embedding"
+
+
+def grounded(points: NDArray[np.floating], floor_z_m: float) -> NDArray[np.float32]:
+    """The cloud [k, 3], its lower end drawn out to the floor where it ends just above: else legs are short and all boxes hover."""
+    cloud = np.array(points, np.float32)
+    z = cloud[:, 2] - np.float32(floor_z_m)
+    low = float(np.quantile(z, 0.01))
+    if _BARE_M < low < _FOOT_M:
+        share = np.clip(1 - (z - low) / _LEG_M, 0, 1)
+        cloud[:, 2] -= np.where(z < low, low - _THIN_M, (low - _THIN_M) * share).astype(np.float32)
+    return cloud
 
 
 def features(points: NDArray[np.floating], floor_z_m: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -109,6 +123,7 @@ class ShapeEncoder:
         for k, cloud in enumerate(clouds):
             if len(cloud) >= MIN_POINTS:
                 # One cloud a run: int8 arithmetic takes its scale from all that is run together.
-                feeds = {name: part[None] for name, part in zip(_INPUTS, features(cloud, floor_z_m), strict=True)}
+                inputs = features(grounded(cloud, floor_z_m), floor_z_m)
+                feeds = {name: part[None] for name, part in zip(_INPUTS, inputs, strict=True)}
                 ((out[k],),) = self._session.run(feeds, (_OUTPUT,))
         return out

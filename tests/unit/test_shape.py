@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import irsd.models
 from irsd.core.errors import ModelError
-from irsd.perception.shape import MEASURES, MIN_POINTS, POINTS, Calibration, ShapeEncoder, features
+from irsd.perception.shape import MEASURES, MIN_POINTS, POINTS, Calibration, ShapeEncoder, features, grounded
 
 SHIPPED = Path(irsd.models.__file__).parent / "nano" / "shape_encoder.onnx"
 
@@ -47,6 +47,22 @@ def test_measures_are_those_of_the_box_but_for_stray_points() -> None:
     assert measures.shape == (MEASURES,)
     np.testing.assert_allclose(np.exp(measures[:3]), [0.5, 1.4, 0.7], atol=0.05)
     np.testing.assert_allclose(measures[3:5], [0.1, 0.8], atol=0.03)
+
+
+@settings(max_examples=30, deadline=None)
+@given(bottom=st.floats(-0.05, 1.5), floor=st.floats(-8, 8))
+def test_what_ends_just_above_the_floor_stands_on_it_and_keeps_its_top(bottom: float, floor: float) -> None:
+    cloud = box((0.5, 1.4, 0.7), bottom + floor)
+    out = grounded(cloud, floor)
+    np.testing.assert_array_equal(out[:, :2], cloud[:, :2])
+    assert abs(float(out[:, 2].max()) - (bottom + floor + 0.7)) < 1e-3
+    low = float(out[:, 2].min()) - floor
+    if 0.04 < bottom < 0.19:
+        assert abs(low - 0.02) < 0.01
+        upper = cloud[:, 2] > bottom + floor + 0.07
+        np.testing.assert_array_equal(out[upper], cloud[upper])
+    elif not 0.02 < bottom < 0.21:
+        np.testing.assert_array_equal(out, cloud)
 
 
 def test_the_shipped_network_gives_unit_rows_and_nothing_for_almost_no_points() -> None:
