@@ -24,7 +24,7 @@ from large_site import make_site
 
 from irsd.graph.model import InstanceArrays
 from irsd.graph.store import Store, StoredMap
-from irsd.resume import PLAN, Plan, plan_to_bytes
+from irsd.plans import PLAN, Plan, plan_to_bytes
 
 ROBOT = "large"
 

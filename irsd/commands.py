@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from irsd.bundles import Bundles
 from irsd.core.errors import EditError
+from irsd.core.runtime import monotonic_s, sleep_s
 from irsd.graph.codec import edit_to_json
 from irsd.graph.edits import Request
 from irsd.graph.model import Edit
@@ -20,6 +22,7 @@ from irsd.io.keys import RobotKeys
 from irsd.io.session import BINARY, Handle, Query, Session
 from irsd.maploop import MapLoop
 from irsd.maps import Maps
+from irsd.resume import Resumption
 
 _MAX_BYTES = 65_536
 
@@ -66,13 +69,14 @@ class EditCommands:
 
 
 class MapCommands:
-    """``cmd/snapshot``, ``cmd/map``, ``cmd/export`` and ``cmd/import``: which map irsd is in."""
+    """``cmd/snapshot``, ``cmd/map``, ``cmd/relocalise``, ``cmd/export`` and ``cmd/import``: which map irsd is in, and where in it."""
 
-    def __init__(self, session: Session, keys: RobotKeys, maps: Maps, loop: MapLoop) -> None:
-        self._maps, self._loop, self._keys = maps, loop, keys
+    def __init__(self, session: Session, keys: RobotKeys, maps: Maps, loop: MapLoop, resumption: Resumption) -> None:
+        self._maps, self._loop, self._keys, self._resumption = maps, loop, keys, resumption
         self._handles = [
             declared(session, keys.command("snapshot"), self._snapshot),
             declared(session, keys.command("map"), self._map),
+            declared(session, keys.command("relocalise"), self._relocalise),
             session.queryable(keys.command("export"), self._export),
             session.queryable(keys.command("import"), self._import),
         ]
@@ -108,6 +112,23 @@ class MapCommands:
         self._loop.accept_map()
         return {"seq": self._loop.snapshot.get().seq}
 
+    def _relocalise(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """{"at"?: [x, y, yaw], "wait_s"?} -> {"found", "problem"}: the robot is looked for from the next sweeps on.
+
+        Answered once it is found, or after wait_s (0..60); the search goes on in any case.
+        """
+        at, wait_s = asked.pop("at", None), asked.pop("wait_s", 0.0)
+        nothing_more(asked)
+        if at is not None and (not isinstance(at, list) or len(at) != 3 or not all(map(_is_number, at))):
+            raise EditError("at: must be [x, y, yaw] in the map, metres and radians")
+        if not _is_number(wait_s) or not 0 <= wait_s <= 60:
+            raise EditError("wait_s: must be a number from 0 to 60")
+        self._loop.relocalise(None if at is None else (float(at[0]), float(at[1]), float(at[2])))
+        end_s = monotonic_s() + wait_s
+        while not self._resumption.trusted and monotonic_s() < end_s:
+            sleep_s(0.05)
+        return {"found": self._resumption.trusted, "problem": self._resumption.problem}
+
     def _export(self, query: Query) -> None:
         query.reply(self._keys.command("export"), self._maps.export(), encoding=BINARY)
 
@@ -134,6 +155,10 @@ def _told(edit: Edit, delta: Any) -> tuple[dict[str, Any], Any]:
 
 def _document(edit: Edit, seq: int, frame: str) -> dict[str, Any]:
     return dict(json.loads(edit_to_json(edit, seq=seq, frame=frame)))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 # ---------------------------------------------------------------------------------------------------------- questions

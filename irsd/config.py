@@ -74,8 +74,9 @@ class StoreSettings:
     on_start: str = setting(
         "same_frame",
         "same_frame: go on with the stored map, once the first scans fit it (odometry goes on where it was); "
+        "relocalise: the same, and where they do not fit, look for the robot in the whole stored plan; "
         "new: begin an empty map, and keep the stored one as snapshot 'previous'",
-        choices=("same_frame", "new"),
+        choices=("same_frame", "relocalise", "new"),
     )
 
 

@@ -98,7 +98,13 @@ class Daemon:
         self._recorder = recorder_of(config, store)
         taken = None if self._recorder is None else self._recorder.take
         self._ingest = Ingest(session, config.ingest, wake, self._watch, taken)
-        self._resumption = Resumption(config.pipeline.mapping, {} if stored is None else stored.geometry)
+        geometry = {} if stored is None else stored.geometry
+        self._resumption = Resumption(
+            config.pipeline.mapping,
+            geometry,
+            search=config.store.on_start == "relocalise",
+            max_speed_mps=config.watch.max_speed_mps,
+        )
         self._loop = self._make_loop(pipeline, wake)
         self._keeper = Keeper(store, self._counts, lambda: self._loop.call(lambda p: p.whole()))
         self._publisher = GraphPublisher(
@@ -160,7 +166,7 @@ class Daemon:
             commands.append(BundleCommand(self._session, keys, bundles))
         if self._store is not None and make is not None:
             maps = Maps(self._store.path.parent, self._loop, self._keeper, make)
-            commands.append(MapCommands(self._session, keys, maps, self._loop))
+            commands.append(MapCommands(self._session, keys, maps, self._loop, self._resumption))
         return commands
 
     def start(self) -> None:

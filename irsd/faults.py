@@ -103,7 +103,8 @@ ADVICE: Mapping[str, Advice] = MappingProxyType(
         ),
         "map_mismatch": Advice(
             "the stored map is shown but not added to: what is seen now is of another place, or in another frame",
-            "irsctl map new, or irsctl map accept if odometry is where it was; it goes on by itself once scans fit",
+            "irsctl relocalise looks for the robot in the map; irsctl map accept if odometry is where it was, irsctl map new "
+            "elsewhere; it goes on by itself once scans fit",
         ),
         "disk_low": Advice("none yet; soon the map can't be kept", "free space on the disk of the state directory"),
     }

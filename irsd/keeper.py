@@ -14,7 +14,8 @@ from irsd.graph.edits import known_prototypes
 from irsd.graph.store import Store, StoredMap
 from irsd.maploop import MapLoop, Publication
 from irsd.pipeline import MapPipeline
-from irsd.resume import CORRECTION, PLAN, Plan, Resumption, plan_of, plan_to_bytes, pose_to_bytes
+from irsd.plans import CORRECTION, PLAN, Plan, plan_of, plan_to_bytes, pose_to_bytes
+from irsd.resume import Resumption
 
 T = TypeVar("T")
 

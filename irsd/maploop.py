@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from irsd.core.errors import StoreError, TransportError
+from irsd.core.errors import EditError, StoreError, TransportError
 from irsd.core.faults import Finding
 from irsd.core.runtime import Cell, Event, Mailbox, Ring, Stopper, monotonic_ns
 from irsd.core.types import Localisation, SyncedFrame
@@ -202,6 +202,18 @@ class MapLoop:
 
         self.call(accept)
 
+    def relocalise(self, at: tuple[float, float, float] | None) -> None:
+        """Where the robot is in the map is looked for from the next sweeps on. at: about where, (x, y, yaw) in the map, or None."""
+        resumption = self._resumption
+
+        def seek(pipeline: MapPipeline) -> None:
+            if resumption is None or (resumption.trusted and not pipeline.snapshot().rooms):
+                raise EditError("there is no map yet in which the robot could be looked for")
+            self._note("relocalise", at=at)
+            resumption.seek(pipeline, at)
+
+        self.call(seek)
+
     def run(self) -> None:
         """The map thread."""
         while not self._stopper.requested:
@@ -249,7 +261,7 @@ class MapLoop:
         """The frames that may go into the map, which may be a stored one."""
         if self._resumption is None:
             return [frame]
-        ready = self._resumption.admit(frame)
+        ready = self._resumption.admit(frame, self._pipeline)
         start = self._resumption.take_start()
         if start is not None:
             self._pipeline.begin_at(start)

@@ -88,7 +88,13 @@ class Reproduction:
             self.pipeline.restore(stored)
         else:
             self.pipeline.learn(taught)
-        self._resumption = Resumption(settings.pipeline.mapping, {} if stored is None else stored.geometry)
+        geometry = {} if stored is None else stored.geometry
+        self._resumption = Resumption(
+            settings.pipeline.mapping,
+            geometry,
+            search=settings.store.on_start == "relocalise",
+            max_speed_mps=settings.watch.max_speed_mps,
+        )
         self._decoder, self._sync = SensorDecoder(settings.ingest), Synchronizer(settings.sync)
         self._sensed: list[Sensed] = []
         self._waiting: deque[SyncedFrame] = deque()
@@ -124,6 +130,9 @@ class Reproduction:
                 self.pipeline.undo()
             elif what == "accept":
                 self._resumption.accept()
+            elif what == "relocalise":
+                at = event["at"]
+                self._resumption.seek(self.pipeline, None if at is None else tuple(at))
         except EditError as error:
             raise DecodeError(f"an edit of the recording can't be done again: {error}") from error
 
@@ -137,7 +146,7 @@ class Reproduction:
         """The next frame: edits and questions came between the frames of one pop, too."""
         if self._waiting:
             frame = self._waiting.popleft()
-            admitted, start = self._resumption.admit(frame), self._resumption.take_start()
+            admitted, start = self._resumption.admit(frame, self.pipeline), self._resumption.take_start()
             if start is not None:
                 self.pipeline.begin_at(start)
             for ready in admitted:

@@ -1,177 +1,117 @@
-"""Taking up a stored map: are the first scans of the place that is stored, in its frame? Until that is clear, nothing is merged.
+"""Are the scans of the place that is in the map, in its frame? At a start, after a jump of the odometry, and when an operator asks.
 
-Compared is the plan: walls above furniture, and free space. Walls seen now must lie on stored walls, and what is free now must not.
+Until that is clear, nothing is merged. Odometry may go on where it was, with the drift that was found in it, or begin anew where the
+map began: whichever fits. Or the place of its frame is looked for in the whole plan: at a start where the settings say so, after a
+jump, and when an operator asks.
 """
 
 from __future__ import annotations
 
 import logging
-import struct
-import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from irsd.core.errors import DecodeError
-from irsd.core.geometry import Pose
-from irsd.core.grid import GridFrame
+from irsd.core.geometry import Pose, invert, yaw_of
 from irsd.core.runtime import Cell
 from irsd.core.types import PlanEvidence, SyncedFrame
 from irsd.mapping.localise import moved
 from irsd.mapping.mapper import Mapper, MappingSettings
+from irsd.mapping.relocalise import Near, PlanView, find_place
+from irsd.plans import CORRECTION, PLAN, SHARED_M2, Agreement, Plan, compare, plan_from_bytes, plan_of, pose_from_bytes
 
 _log = logging.getLogger(__name__)
 
-CORRECTION = "map_T_odom"  # geometry of this name: where odometry's frame lay in the map
-PLAN = "plan/"  # geometry of this name: the plan of a floor
-_HEADER = struct.Struct("<4sddddII")
-_MAGIC = b"IRP1"
-_MAX_CELLS = 1 << 28
 _LOOKS = 5  # sweeps before the first verdict
 _AGAIN_EVERY, _LAST_LOOK = 10, 300  # sweeps between the later ones, and after which it is left to the operator
-_NEAR_M = 0.1  # a wall this near to a stored one is that wall
-_SHARED_M2 = 4.0  # of known floor that must be common to tell anything
-_WALLS, _BLOCKED = 0.7, 0.1  # least share of walls on walls, most of free floor on walls
+_SEARCH_EVERY = 80  # sweeps between two searches at most: they come after 5, 10, 20, 40, ... sweeps
+_OFF_M, _OFF_RAD = 1.5, 0.6  # by how much an operator's word of the place may be off
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A floor from above: wall and free, bool [H, W] on ``frame``."""
-
-    frame: GridFrame
-    floor_z_m: float
-    wall: NDArray[np.bool_]
-    free: NDArray[np.bool_]
+_TURN_RAD_S = 6.0  # no robot turns faster
+_SLACK_M, _SLACK_RAD = 0.2, 0.2  # what odometry may step besides
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
-    """How a plan fits a stored one. shared_m2: known in both. walls: share of its walls on stored ones; blocked: of its free floor."""
-
-    shared_m2: float
-    walls: float
-    blocked: float
+class Present(Protocol):
+    """The map that frames go into; ``MapPipeline`` is one."""
 
     @property
-    def enough(self) -> bool:
-        """Whether it tells anything."""
-        return self.shared_m2 >= _SHARED_M2
+    def map_T_odom(self) -> Pose: ...
 
-    @property
-    def good(self) -> bool:
-        """Whether it is the same place in the same frame."""
-        return self.enough and self.walls >= _WALLS and self.blocked <= _BLOCKED
+    def plan_evidence(self) -> PlanEvidence: ...
 
 
-def plan_of(evidence: PlanEvidence) -> Plan:
-    """The part of a map's evidence that is compared."""
-    return Plan(evidence.frame, evidence.floor_z_m, evidence.wall, evidence.free)
+class _Verdict(NamedTuple):
+    """How what was seen fits, map_T_odom with which it does, and why it is not believed all the same (empty: it is, if it fits)."""
 
-
-def plan_to_bytes(plan: Plan) -> bytes:
-    """A few kilobytes per floor."""
-    x, y = plan.frame.origin_xy_m
-    head = _HEADER.pack(_MAGIC, x, y, plan.frame.resolution_m, plan.floor_z_m, plan.frame.height, plan.frame.width)
-    return head + zlib.compress(np.packbits(np.stack([plan.wall, plan.free])).tobytes(), 1)
-
-
-def plan_from_bytes(payload: bytes) -> Plan:
-    """Inverse of ``plan_to_bytes``. DecodeError for anything else."""
-    if len(payload) < _HEADER.size:
-        raise DecodeError(f"a plan has at least {_HEADER.size} bytes")
-    magic, x, y, resolution_m, floor_z_m, height, width = _HEADER.unpack_from(payload)
-    cells = height * width
-    if magic != _MAGIC or not 0 < cells <= _MAX_CELLS or not resolution_m > 0:
-        raise DecodeError("this is no plan of a floor")
-    size = -(-2 * cells // 8)
-    reader = zlib.decompressobj()
-    try:
-        packed = reader.decompress(payload[_HEADER.size :], size + 1)
-    except zlib.error as error:
-        raise DecodeError(f"a plan of a floor is damaged: {error}") from error
-    if len(packed) != size or not reader.eof:
-        raise DecodeError("a plan of a floor is cut off")
-    bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=2 * cells).astype(np.bool_).reshape(2, height, width)
-    return Plan(GridFrame((x, y), resolution_m, height, width), floor_z_m, bits[0], bits[1])
-
-
-def pose_to_bytes(pose: Pose) -> bytes:
-    """A pose as 16 little-endian float64."""
-    return np.ascontiguousarray(pose, "<f8").tobytes()
-
-
-def pose_from_bytes(payload: bytes) -> Pose:
-    """Inverse of ``pose_to_bytes``. DecodeError for anything else."""
-    if len(payload) != 128:
-        raise DecodeError("a pose has 128 bytes")
-    pose = np.frombuffer(payload, "<f8").reshape(4, 4).astype(np.float64)
-    if not np.isfinite(pose).all():
-        raise DecodeError("a pose is not finite")
-    return pose
-
-
-def compare(now: Plan, stored: Plan) -> Agreement:
-    """How a plan fits a stored one, both in one frame, as far as both reach."""
-    wall, free = (_on(layer, now.frame, stored.frame) for layer in (now.wall, now.free))
-    cells = 2 * round(_NEAR_M / stored.frame.resolution_m) + 1
-    kernel = np.ones((cells, cells), np.uint8)
-    near = cv2.dilate(stored.wall.astype(np.uint8), kernel) > 0
-    known = cv2.dilate((stored.wall | stored.free).astype(np.uint8), kernel) > 0
-    walls, floor = wall & known, free & (stored.free | stored.wall)
-    shared_m2 = float(floor.sum()) * stored.frame.resolution_m**2
-    on_walls = float((walls & near).sum()) / max(float(walls.sum()), 1.0)
-    return Agreement(shared_m2, on_walls, float((floor & stored.wall).sum()) / max(float(floor.sum()), 1.0))
-
-
-def _on(layer: NDArray[np.bool_], old: GridFrame, new: GridFrame) -> NDArray[np.bool_]:
-    """A layer of one grid on another, cell by cell; what falls outside is lost."""
-    rows, columns = np.nonzero(layer)
-    cells = new.cells_of(old.centres_of(np.stack([rows, columns], 1)))
-    inside = ((cells >= 0) & (cells < [new.height, new.width])).all(1)
-    out = np.zeros((new.height, new.width), np.bool_)
-    out[cells[inside, 0], cells[inside, 1]] = True
-    return out
+    fit: Agreement
+    start: Pose
+    doubt: str
 
 
 class Resumption:
-    """Keeps frames from a stored map until they are known to be of it. ``admit`` belongs to the map thread, ``problem`` to all.
+    """Keeps frames from a map until they are known to be of it. ``problem`` and ``trusted`` are for all, the rest is the map's."""
 
-    Odometry may go on where it was, with the drift that was found in it, or begin anew where the map began: whichever fits.
-    """
+    def __init__(
+        self, settings: MappingSettings, geometry: Mapping[str, bytes], *, search: bool, max_speed_mps: float
+    ) -> None:
+        """geometry: of the stored map; without a plan in it there is nothing to compare, and every frame is admitted.
 
-    def __init__(self, settings: MappingSettings, geometry: Mapping[str, bytes]) -> None:
-        """geometry: of the stored map; without a plan in it there is nothing to compare, and every frame is admitted."""
-        self._settings = settings
+        search: where the first scans do not fit, look for the robot in the whole plan. max_speed_mps: odometry that moves faster has
+        jumped.
+        """
+        self._settings, self._search_then, self._max_speed_mps = settings, search, max_speed_mps
         self._problem = Cell("")
+        self._stored: list[Plan] = []
+        self._maps: list[
+            tuple[Pose, Mapper]
+        ] = []  # of the sweeps since, from each start in question; the last from odometry's
+        self._fallback: Pose | None = None
+        self._search, self._only_search = search, False
+        self._at: tuple[float, float, float] | None = None
+        self._start: Pose | None = None
+        self._waiting: list[SyncedFrame] = []
+        self._looks, self._search_at = 0, _LOOKS
+        self._before: SyncedFrame | None = None
         self.held = 0
         self.begin(geometry)
 
     def begin(self, geometry: Mapping[str, bytes]) -> None:
         """The check anew, against another map."""
-        self._stored = [plan_from_bytes(value) for name, value in geometry.items() if name.startswith(PLAN)]
+        stored = [plan_from_bytes(value) for name, value in geometry.items() if name.startswith(PLAN)]
         starts = [pose_from_bytes(geometry[CORRECTION])] if CORRECTION in geometry else []
         if not starts or not np.allclose(starts[0], np.eye(4), atol=1e-3):
             starts.append(np.eye(4))
-        self._trials = [(start, Mapper(self._settings, None)) for start in starts] if self._stored else []
-        self._start: Pose | None = None
-        self._waiting: list[SyncedFrame] = []
-        self._looks = 0
+        self._begin_again(stored, starts)
+        self._fallback = starts[0]
+        self._search, self._only_search, self._at = self._search_then, False, None
         self._problem.set("")
+
+    def seek(self, present: Present, at: tuple[float, float, float] | None = None) -> None:
+        """Forget where the robot is, and look for it: in the present map, or in the stored one that the scans did not fit so far.
+
+        at: about where it is in the map, as an operator says: x, y (metres) and yaw (rad).
+        """
+        if self._maps:
+            self._begin_again(self._stored, [np.eye(4)])
+        else:
+            self._fallback = None  # should it be called off, the robot is where it was
+            self._begin_again([plan_of(present.plan_evidence())], [np.eye(4)])
+        self._search, self._only_search, self._at = True, True, at
+        self._problem.set("the robot is being looked for in the map")
 
     def accept(self) -> None:
         """The operator says that it is the place, in the stored frame."""
-        if self._trials:
-            self._start = self._trials[0][0]
-        self._trials, self._waiting = [], []
+        if self._maps:
+            self._start = self._fallback
+        self._maps, self._waiting = [], []
         self._problem.set("")
 
     @property
     def trusted(self) -> bool:
         """Whether frames go into the map."""
-        return not self._trials
+        return not self._maps
 
     @property
     def problem(self) -> str:
@@ -183,43 +123,100 @@ class Resumption:
         start, self._start = self._start, None
         return start
 
-    def admit(self, frame: SyncedFrame) -> list[SyncedFrame]:
-        """The frames that may go into the map now, in order."""
-        if not self._trials:
+    def admit(self, frame: SyncedFrame, present: Present) -> list[SyncedFrame]:
+        """The frames that may go into the present map now, in order. A search in a large plan takes seconds."""
+        before, self._before = self._before, frame
+        if not self._maps and before is not None and self._jumped(before, frame):
+            self._doubt(present)
+        if not self._maps:
             return [frame]
         self._looks += 1
-        if self._looks <= _LAST_LOOK:
-            for start, scratch in self._trials:
+        if self._looks <= _LAST_LOOK or self._search:
+            for start, scratch in self._maps:
                 scratch.integrate(moved(frame, start))
-        if self._looks <= _LOOKS:
-            self._waiting.append(frame)
-        due = self._looks == _LOOKS or (self._looks > _LOOKS and self._looks % _AGAIN_EVERY == 0)
-        if due and self._looks <= _LAST_LOOK:
-            found, start = max((self._judged(each) for each in self._trials), key=lambda pair: pair[0].walls)
-            if found.good:
-                _log.info("this is the stored map: %.0f %% of the walls fit", 100 * found.walls)
-                ready = self._waiting if self._looks == _LOOKS else [frame]
-                self._trials, self._waiting, self._start = [], [], start
-                self._problem.set("")
-                return ready
-            self._waiting = []
-            self._tell(found)
+            if self._looks <= _LOOKS:
+                self._waiting.append(frame)
+            if self._looks == _LOOKS or (self._looks > _LOOKS and self._looks % _AGAIN_EVERY == 0):
+                verdict = self._judge(frame)
+                if verdict is not None and verdict.fit.good and not verdict.doubt:
+                    return self._go_on(frame, verdict)
+                self._waiting = []
+                if verdict is not None:
+                    self._tell(verdict)
         self.held += self._looks > _LOOKS
         return []
 
-    def _judged(self, trial: tuple[Pose, Mapper]) -> tuple[Agreement, Pose]:
-        start, scratch = trial
-        now = plan_of(scratch.plan_evidence())
-        return compare(now, min(self._stored, key=lambda plan: abs(plan.floor_z_m - now.floor_z_m))), start
+    def _jumped(self, before: SyncedFrame, frame: SyncedFrame) -> bool:
+        step = invert(before.map_T_base) @ frame.map_T_base
+        passed_s = max(frame.stamp_ns - before.stamp_ns, 0) * 1e-9
+        too_far = float(np.hypot(*step[:2, 3])) > self._max_speed_mps * passed_s + _SLACK_M
+        return too_far or abs(yaw_of(step)) > _TURN_RAD_S * passed_s + _SLACK_RAD
 
-    def _tell(self, found: Agreement) -> None:
-        if found.enough:
+    def _doubt(self, present: Present) -> None:
+        """Odometry has jumped: to where the robot is now (a gap in it), or because it began anew. A map of nothing can't tell."""
+        plan = plan_of(present.plan_evidence())
+        if float(plan.free.sum()) * plan.frame.resolution_m**2 < 2 * SHARED_M2:
+            return
+        self._fallback = present.map_T_odom
+        self._begin_again([plan], [present.map_T_odom, np.eye(4)])
+        self._search, self._only_search, self._at = True, False, None
+        self._problem.set("odometry has jumped: whether the robot is where it says is being looked at")
+
+    def _begin_again(self, stored: list[Plan], starts: list[Pose]) -> None:
+        self._stored = stored
+        self._maps = [(start, Mapper(self._settings, None)) for start in starts] if stored else []
+        self._start, self._waiting = None, []
+        self._looks, self._search_at = 0, _LOOKS
+
+    def _go_on(self, frame: SyncedFrame, verdict: _Verdict) -> list[SyncedFrame]:
+        _log.info("this is the stored map: %.0f %% of the walls fit", 100 * verdict.fit.walls)
+        ready = self._waiting if self._looks == _LOOKS else [frame]
+        self._maps, self._waiting, self._start = [], [], verdict.start
+        self._problem.set("")
+        return ready
+
+    def _judge(self, frame: SyncedFrame) -> _Verdict | None:
+        """None: nothing was looked into."""
+        verdict = None
+        if not self._only_search:
+            verdicts = [_Verdict(compare(*self._plans(scratch)), start, "") for start, scratch in self._maps]
+            verdict = max(verdicts, key=lambda each: each.fit.walls)
+        if not self._search or self._looks < self._search_at or (verdict is not None and verdict.fit.good):
+            return verdict
+        self._search_at = self._looks + min(self._looks, _SEARCH_EVERY)
+        return self._find(frame)
+
+    def _find(self, frame: SyncedFrame) -> _Verdict:
+        """The best place for what was seen in the whole plan of the floor. The last of the maps is in the odometry's frame."""
+        now, stored = self._plans(self._maps[-1][1])
+        near = None
+        if self._at is not None:
+            x, y, yaw = self._at
+            near = Near(x, y, _OFF_M, yaw - yaw_of(frame.map_T_base), _OFF_RAD)
+        robot_x, robot_y = frame.map_T_base[:2, 3].tolist()
+        found = find_place(_view(now), (robot_x, robot_y), _view(stored), near)
+        return _Verdict(compare(now, stored, found.stored_T_now), found.stored_T_now, found.refused)
+
+    def _plans(self, scratch: Mapper) -> tuple[Plan, Plan]:
+        """What was seen, and the stored floor that it is of."""
+        now = plan_of(scratch.plan_evidence())
+        return now, min(self._stored, key=lambda plan: abs(plan.floor_z_m - now.floor_z_m))
+
+    def _tell(self, verdict: _Verdict) -> None:
+        fit = verdict.fit
+        if verdict.doubt:
+            text = f"the robot is not found in the map: {verdict.doubt}"
+        elif fit.enough:
             text = (
-                f"the scans do not fit the stored map ({100 * found.walls:.0f} % of the walls lie on its walls, "
-                f"{100 * found.blocked:.0f} % of the free floor too)"
+                f"the scans do not fit the stored map ({100 * fit.walls:.0f} % of the walls lie on its walls, "
+                f"{100 * fit.blocked:.0f} % of the free floor too)"
             )
         else:
-            text = f"the scans are of no part of the stored map ({found.shared_m2:.1f} m2 in common)"
-        if not self._problem.get():
-            _log.warning("%s: nothing is merged until it fits or irsctl relocalise decides", text)
+            text = f"the scans are of no part of the stored map ({fit.shared_m2:.1f} m2 in common)"
+        if text.split("(")[0] != self._problem.get().split("(")[0]:
+            _log.warning("%s: nothing is merged until it fits, or irsctl relocalise or irsctl map decides", text)
         self._problem.set(text)
+
+
+def _view(plan: Plan) -> PlanView:
+    return PlanView(plan.frame, plan.wall, plan.free)

@@ -79,6 +79,16 @@ def import_(target: Target, file: Path) -> int:
     return snapshots.take_in(target, file)
 
 
+def _place(_: click.Context, __: click.Parameter, value: str | None) -> tuple[float, float, float] | None:
+    if value is None:
+        return None
+    try:
+        x_m, y_m, yaw_rad = (float(part) for part in value.split(","))
+    except ValueError as error:
+        raise click.BadParameter("three numbers with commas between them, such as 3.5,-2,1.57") from error
+    return x_m, y_m, yaw_rad
+
+
 @click.group("map")
 def map_() -> None:
     """Decide what becomes of a stored map that the scans do not fit."""
@@ -100,6 +110,18 @@ def map_new(target: Target) -> int:
     from irsd.ctl import snapshots
 
     return snapshots.decide(target, "new")
+
+
+@click.command()
+@click.option("--at", metavar="X,Y,YAW", callback=_place, help="About where it is in the map: metres, and radians.")
+@click.option("--wait", "wait_s", type=click.FloatRange(0, 60), default=20.0, show_default=True, help="Seconds.")
+@json_option
+@click.pass_obj
+def relocalise(target: Target, at: tuple[float, float, float] | None, wait_s: float, as_json: bool) -> int:
+    """Look for the robot in the map, from the next sweeps on; nothing is merged until it is found."""
+    from irsd.ctl import snapshots
+
+    return snapshots.relocalise(target, at, wait_s, as_json)
 
 
 @click.command()
@@ -127,4 +149,4 @@ def bundle(target: Target, output: Path) -> int:
     return records.bundle(target, output)
 
 
-KEEPING: tuple[click.Command, ...] = (snapshot, export, import_, map_, record, bundle)
+KEEPING: tuple[click.Command, ...] = (snapshot, export, import_, map_, relocalise, record, bundle)

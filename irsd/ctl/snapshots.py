@@ -1,4 +1,4 @@
-"""irsctl snapshot, export, import and map: whole maps of a running irsd."""
+"""irsctl snapshot, export, import, map and relocalise: the maps of a running irsd, and the robot's place in its own."""
 
 from __future__ import annotations
 
@@ -61,3 +61,20 @@ def decide(target: Target, what: str) -> int:
         answer = ask_json(session, keys.command("map"), _PATIENCE_S, {"do": what})
     click.echo(f"{'the stored map goes on' if what == 'accept' else 'a new map begins'}, at revision {answer['seq']}")
     return 0
+
+
+def relocalise(target: Target, at: tuple[float, float, float] | None, wait_s: float, as_json: bool) -> int:
+    """Have the robot looked for; 1 when it was not found in the time given (the search goes on)."""
+    question = {"wait_s": wait_s, **({} if at is None else {"at": list(at)})}
+    with connected(target) as (session, keys):
+        answer = ask_json(session, keys.command("relocalise"), wait_s + 15.0, question)
+    if as_json:
+        click.echo(json.dumps(answer))
+    elif answer["found"]:
+        click.echo("found: the robot is in the map, and sweeps are merged again")
+    else:
+        click.echo(
+            f"not found yet: {answer['problem']}. The search goes on while sweeps come in: drive on a little, say about where it is "
+            "(--at X,Y,YAW), or call it off (irsctl map accept)"
+        )
+    return 0 if answer["found"] else 1

@@ -45,6 +45,17 @@ class PlanView:
 
 
 @dataclass(frozen=True, slots=True)
+class Near:
+    """Where to look: within reach_m of (x_m, y_m) in the stored frame, the seen plan turned by yaw_rad, give or take reach_rad."""
+
+    x_m: float
+    y_m: float
+    reach_m: float
+    yaw_rad: float
+    reach_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class Relocation:
     """Where the frame of the plan seen now lies in that of the stored one.
 
@@ -62,19 +73,28 @@ class Relocation:
         return not self.refused
 
 
-def find_place(now: PlanView, robot_xy: tuple[float, float], stored: PlanView) -> Relocation:
-    """Where a robot at robot_xy, in the frame of ``now``, is in ``stored``. Costs 0.1-5 s, by the size of the stored plan."""
+def find_place(now: PlanView, robot_xy: tuple[float, float], stored: PlanView, near: Near | None = None) -> Relocation:
+    """Where a robot at robot_xy, in the frame of ``now``, is in ``stored``. Costs 0.1-5 s, by the size of the stored plan.
+
+    near: the only places that come into question; None: all.
+    """
     robot = np.array(robot_xy, np.float64)
     walls = _wall_points(now, robot)
     if len(walls) < _LEAST_POINTS or not stored.wall.any() or not stored.free.any():
         return Relocation(np.eye(4), 0.0, 0.0, "too little is seen to tell where this is")
     field, free, origin_xy = _fields(stored)
+    if near is not None:
+        free &= _disc(free.shape, (np.array([near.x_m, near.y_m]) - origin_xy) / _CELL_M, near.reach_m / _CELL_M)
     bounds = np.stack([_window_max(field, 1 << h) for h in range(_LEVELS)])
     open_to = np.stack([_window_max(free.astype(np.int16), 1 << h) for h in range(_LEVELS)])
     farthest = max(float(np.hypot(*walls.T).max()), 1.0)
     count = int(np.ceil(2 * np.pi / (_CELL_M / farthest)))  # neighbouring headings move the farthest wall by a cell
-    turns = _turned(walls, np.arange(count, dtype=np.float64) * (2 * np.pi / count))
+    yaws = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
+    turns = _turned(walls, yaws)
     roots = _root_scores(turns, bounds[-1], open_to[-1])
+    if near is not None:
+        off_rad = np.abs((yaws - near.yaw_rad + np.pi) % (2 * np.pi) - np.pi)
+        roots = roots[off_rad[roots[:, 1]] <= near.reach_rad]
     apart = np.array([_APART_M / _CELL_M, _APART_RAD * count / (2 * np.pi)])
     nowhere = np.array([-1, -1, -1])
     best, place = _descend(turns, bounds, open_to, roots, -_UNIT * len(walls), nowhere, apart)
@@ -119,6 +139,12 @@ def _fields(stored: PlanView) -> tuple[Cells, NDArray[np.bool_], Floats]:
         free & ~wall,
         low.astype(np.float64) * _CELL_M,
     )
+
+
+def _disc(shape: tuple[int, ...], centre_xy: Floats, radius: float) -> NDArray[np.bool_]:
+    """The cells [H, W] whose centres are within a radius of a place, both in cells."""
+    row, column = np.ogrid[: shape[0], : shape[1]]
+    return np.asarray(np.hypot(column + 0.5 - centre_xy[0], row + 0.5 - centre_xy[1]) <= radius)
 
 
 def _values(wall: NDArray[np.bool_], free: NDArray[np.bool_], cell_m: float) -> NDArray[np.float32]:

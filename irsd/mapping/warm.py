@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from irsd.core.grid import GridFrame
 from irsd.core.types import CameraModel, DeskewedScan, SyncedFrame
 from irsd.mapping.mapper import Mapper, MappingSettings
 from irsd.mapping.registration import Reach, align
+from irsd.mapping.relocalise import PlanView, find_place
 from irsd.mapping.voxels import VoxelSettings
 
 
@@ -26,4 +28,8 @@ def warm_up() -> None:
     align(grid, np.zeros(3), np.zeros(3), mapper.voxels.planes, Reach(1, 0.2, 0.5, 0.1, 0.01), least=0, rounds=1)
     mapper.wall_points()
     mapper.plan_evidence()
+    room = np.zeros((16, 16), np.bool_)
+    room[1:-1, 1:-1] = True
+    plan = PlanView(GridFrame((0.0, 0.0), 0.1, 16, 16), ~room, room)
+    find_place(plan, (0.8, 0.8), plan)
     mapper.navigation_grid()

@@ -21,9 +21,9 @@ def free_endpoint() -> str:
 
 
 @contextmanager
-def running(config: IrsdConfig, labels: LabelEncoder) -> Iterator[tuple[Daemon, Session]]:
+def running(config: IrsdConfig, labels: LabelEncoder, endpoint: str | None = None) -> Iterator[tuple[Daemon, Session]]:
     """A daemon between start and a clean stop, and a session of another process's kind."""
-    settings = ZenohSettings(endpoint=free_endpoint(), connect=())
+    settings = ZenohSettings(endpoint=endpoint or free_endpoint(), connect=())
     store = open_store(config)
     try:
         begin = prepared(config, store, labels)
