@@ -12,15 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from irsd.core.settings import setting
 from nav_bridge.route import CostMap, connected_to, snap_to_passable
+from nav_bridge.surface import MAX_POINTS, surface_at, surface_distance
 
 _RAYS = 12  # target cells a pose is checked for sight of
 _HIDDEN = 1.0  # price, in metres, of a pose that sees nothing of its target or stands in another room
 _MAX_TRIED, _TRIED_APART_M = 8, 0.2  # of the places weighed, how many an answer tells, and how far they are apart
-_MAX_POINTS = 1000  # a target's points beyond this many are thinned: they lie millimetres apart
 _LOOK_M = 0.5  # places this much farther than allowed are looked at too, so that a refusal knows the best distance
 
 
@@ -88,25 +87,6 @@ class Unreachable:
     best_m: float | None
 
 
-def surface_distance(
-    target_xy: NDArray[np.floating], xy: NDArray[np.floating], outlier_points: int = 1
-) -> NDArray[np.float64]:
-    """[N] plan distance of places [N, 2] to the target's points [M, 2]: the k-th nearest, so that lone noise does not count."""
-    points = np.asarray(target_xy, np.float64)[:, :2]
-    points, k = _thinned(points, outlier_points)
-    away, _ = cKDTree(points).query(np.asarray(xy, np.float64)[:, :2], k=[k])
-    return np.asarray(away[:, -1], np.float64)
-
-
-def _thinned(points: NDArray[np.float64], outlier_points: int) -> tuple[NDArray[np.float64], int]:
-    """The points [N, 2+] from which a surface is measured, and how many of them must be as near as it."""
-    if outlier_points <= 1:
-        return points, 1
-    points = points[:: max(1, len(points) // _MAX_POINTS)]
-    # Masks bleed over the edge of a thing: of many points, two percent may float before the surface.
-    return points, max(min(outlier_points, max(1, len(points) // 6)), len(points) // 50)
-
-
 def find_approach(
     costs: CostMap,
     target_xy: NDArray[np.floating],
@@ -122,7 +102,7 @@ def find_approach(
     the distance. Everything is in the map frame, metres.
     """
     solid = np.asarray(target_xy, np.float64)
-    points = solid[:: max(1, len(solid) // _MAX_POINTS), :2]
+    points = solid[:: max(1, len(solid) // MAX_POINTS), :2]
     if not len(points):
         return Unreachable("the target has no points", None)
     start = snap_to_passable(costs, robot_xy, start_reach_m)
@@ -145,24 +125,10 @@ def find_approach(
     best, weighed = _cheapest(price, xy, Sight(costs, points))
     x, y = (round(float(v), 4) for v in xy[best])
     tried = _apart(weighed, best, price, xy, away, clear)
-    surface, error_m = _surface_at(xy[best], solid, costs.frame.resolution_m, settings.outlier_points)
+    surface, error_m = surface_at(xy[best], solid, costs.frame.resolution_m, settings.outlier_points)
     return ApproachPose(
         x, y, _yaw_to(xy[best], points), float(away[best]), float(clear[best]), weighed[best], tried, surface, error_m
     )
-
-
-def _surface_at(
-    place: NDArray[np.float64], solid: NDArray[np.float64], resolution_m: float, outlier_points: int
-) -> tuple[tuple[float, float, float] | None, float]:
-    """The point of a target's points [N, 2+] from which its distance to a place is taken, and the bound of its error."""
-    points, k = _thinned(solid, outlier_points)
-    away = np.hypot(*(points[:, :2] - place).T)
-    order = np.argsort(away, kind="stable")
-    error_m = resolution_m / math.sqrt(2.0) + float(away[order[k - 1]] - away[order[0]])
-    if points.shape[1] < 3:
-        return None, round(error_m, 3)
-    x, y, z = (round(float(v), 3) for v in points[order[k - 1], :3])
-    return (x, y, z), round(error_m, 3)
 
 
 def _cells_near(

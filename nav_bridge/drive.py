@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot
 from nav_bridge.answer import Answer, certificate, name_of
-from nav_bridge.approach import ApproachSettings, surface_distance
+from nav_bridge.approach import ApproachSettings
 from nav_bridge.journal import Entry
 from nav_bridge.monitor import Driving, Monitor, MonitorSettings
 from nav_bridge.route import CostMap, line_cells
 from nav_bridge.sinks.base import Plan, Waypoints
+from nav_bridge.surface import floor_under, solid_part, surface_distance
 
 _SLACK_M = 0.05  # a target may come this much nearer or farther by itself: fusion goes on
 _NEAR_M = 0.3  # of the way ahead, what lies closer to the robot than this is not checked: it is there already
@@ -137,10 +138,11 @@ class Drive:
         if self.holding_ns is not None:
             return Doubt("blocked", "waiting for a way")
         if view is not None and view.plan_seq == self._seq:
-            if view.surface is not None and len(view.surface):
-                self.monitor.retarget(view.surface)
+            if view.surface is not None and len(view.surface) and view.costs is not None:
+                surface = solid_part(view.surface, view.costs, floor_under(graph, self.target.room))
+                self.monitor.retarget(surface)
                 end = np.array([self._way[-1][:2]])
-                away = float(surface_distance(view.surface, end, self._outliers)[0])
+                away = float(surface_distance(surface, end, self._outliers)[0])
                 if away > self.within_m + _SLACK_M:
                     return Doubt("moved", f"{self.name} has moved: the way ends {away:.2f} m from it")
             body = min(radius_m, self.clearance_m)

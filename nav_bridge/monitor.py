@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.settings import setting
-from nav_bridge.approach import surface_distance
+from nav_bridge.surface import surface_distance
 
 _SPEED_NS = 5_000_000_000  # the time over which the speed is taken for the time left
 

@@ -22,6 +22,7 @@ from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution
 from nav_bridge.resolve import resolve
 from nav_bridge.room_goal import find_place_inside, looked_at, resolve_room, room_floor, room_grades, wanted_room
 from nav_bridge.route import CostMap, make_cost_map, plan_route
+from nav_bridge.surface import floor_under, solid_part
 
 _ALTERNATES = 6  # of an open choice ("any chair"), how many are tried before the answer is unreachable
 
@@ -167,7 +168,7 @@ class Planner:
         at = world.robot[:2]
         if target.is_room:
             return find_place_inside(costs, outline, at, settings, start_reach_m=reach), room_floor(costs, outline)
-        points = world.points_of(target.instance)
+        points = solid_part(world.points_of(target.instance), costs, floor_under(world.graph, target.room))
         return find_approach(costs, points, at, settings, start_reach_m=reach, room_xy=outline), points
 
 

@@ -24,6 +24,8 @@ from nav_bridge.relations import Floats
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Resolved
 
 _FOR_A_PURPOSE, _ANY_WILL_DO = 0.95, 0.8  # rival_ratio for these at least
+# What has at most these shares of the observations and of the points of another of its name is a mask's edge on something else.
+_GLIMPSED, _SPECK = 0.35, 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ def _rivals(sure: Rows, cases: Cases, spec: GoalSpec, settings: ResolveSettings)
     strict = _FOR_A_PURPOSE if spec.function else _ANY_WILL_DO if spec.choice == "any" else 0.0
     ratio = max(settings.rival_ratio, strict)
     rivals = sure[cases.score[sure] >= ratio * cases.score[sure].max()]
-    return _without_fragments(rivals, cases)
+    return _without_fragments(_without_glimpses(rivals, cases), cases)
 
 
 def _chosen(spec: GoalSpec) -> bool:
@@ -143,6 +145,21 @@ def _none_sure(cases: Cases, what: str, settings: ResolveSettings) -> Resolution
     likely = np.flatnonzero(cases.label >= settings.min_label)[: settings.max_candidates]
     reasons = dict.fromkeys(cases.why_out(int(k)) for k in likely) or dict.fromkeys(sure)
     return NotFound(f"{what} fits nothing here: {'; '.join(reasons)}", considered)
+
+
+def _without_glimpses(rivals: Rows, cases: Cases) -> Rows:
+    """Rivals without those that are a few points seen a few times, where another was seen well: one name, so about one size.
+
+    What no picture has seen (found by its shape alone) is no glimpse.
+    """
+    rows = cases.rows[rivals]
+    seen, points = cases.index.observations[rows], cases.index.points[rows]
+    well = (seen[:, None] <= _GLIMPSED * seen) & (points[:, None] <= _SPECK * points) & (seen[:, None] > 0)
+    name = {int(rivals[k]): cases.index.graph.instances[rows[well[k].argmax()]].id for k in np.flatnonzero(well.any(1))}
+    out = np.zeros(len(cases), bool)
+    out[list(name)] = True
+    cases.reject(out, lambda k: f"only glimpsed, {name[k]} was seen well")
+    return np.asarray(rivals[~out[rivals]])
 
 
 def _without_fragments(rivals: Rows, cases: Cases) -> Rows:

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nav_bridge.approach import ApproachPose, ApproachSettings, Unreachable, find_approach, in_polygon, surface_distance
+from nav_bridge.approach import ApproachPose, ApproachSettings, Unreachable, find_approach, in_polygon
 from nav_bridge.route import RouteSettings, connected_to, make_cost_map, snap_to_passable
+from nav_bridge.surface import solid_part, surface_distance
 
 ROUTE = RouteSettings()
 COSTS = make_cost_map(house.FRAME, house.occupancy(), ROUTE)
@@ -104,6 +105,23 @@ def test_two_percent_of_bled_points_do_not_bring_the_surface_nearer() -> None:
     assert surface_distance(np.vstack([box, bled]), at)[0] < 0.45
     assert surface_distance(np.vstack([box, bled]), at, 3)[0] == pytest.approx(0.6, abs=0.08)
     assert surface_distance(np.vstack([box] * 8), at, 3)[0] == pytest.approx(0.6, abs=0.08)  # thinned, not slower
+
+
+def test_floor_that_is_free_is_no_surface_but_what_lies_flat_is() -> None:
+    """A mask of the fridge has bled over the floor before it; a carpet is nothing but floor."""
+    fridge = house.points_of("I6").astype(float)
+    free = COSTS.frame.centres_of(np.argwhere(~COSTS.blocked))
+    floor = np.column_stack([free, np.full(len(free), 0.02)])[:: max(1, len(free) // len(fridge))]
+    bled = np.vstack([fridge, floor])
+    solid = solid_part(bled, COSTS, 0.0)
+    assert len(solid) >= 0.95 * len(fridge)
+    assert (solid[:, None] == fridge).all(-1).any(1).all(), "what is left was the fridge's"
+    assert len(solid_part(floor, COSTS, 0.0)) == len(floor), "a carpet"
+    assert len(solid_part(bled, COSTS, None)) == len(bled)
+    beyond = floor + np.array([100.0, 0.0, 0.0])
+    assert len(solid_part(beyond, COSTS, 0.0)) == len(beyond), "off the map nothing is known"
+    place = np.array([[2.5, 3.0]])
+    assert surface_distance(solid, place)[0] == pytest.approx(surface_distance(fridge, place)[0], abs=0.1)
 
 
 def test_a_pose_comes_with_its_point_and_its_error() -> None:

@@ -125,6 +125,25 @@ def test_slips_and_fragments_do_not_compete(knowledge: Knowledge) -> None:
     assert isinstance(ask("fridge", knowledge, gone), NotFound)
 
 
+def test_what_was_only_glimpsed_does_not_compete_with_what_was_seen_well(knowledge: Knowledge) -> None:
+    """The edge of a mask fell on a chair in the other room, in a few pictures of one glance."""
+    far = house.instance(30, "refrigerator", "R1", (2.0, 2.0, 0.5), (2.05, 2.05, 0.7))
+    well = next(t for t in house.THINGS if t.id == "I6")
+    glimpse = replace(far, observations=well.observations // 4, point_count=well.point_count // 20)
+    graph = replace(house.GRAPH, instances=(*house.THINGS, glimpse))
+    answer = ask("fridge", knowledge, graph)
+    assert isinstance(answer, Resolved)
+    assert answer.target.instance == "I6"
+    assert next(c for c in answer.considered if c.instance == "I30").rejected == "only glimpsed, I6 was seen well"
+    alone = replace(graph, instances=tuple(t for t in graph.instances if t.id != "I6"))
+    answer = ask("fridge", knowledge, alone)
+    assert isinstance(answer, Resolved)
+    assert answer.target.instance == "I30", "alone it is what there is"
+    for seen, points in ((well.observations, glimpse.point_count), (glimpse.observations, well.point_count)):
+        other = replace(glimpse, observations=seen, point_count=points)
+        assert isinstance(ask("fridge", knowledge, replace(graph, instances=(*house.THINGS, other))), Ambiguous)
+
+
 def test_a_second_name_counts_and_a_part_of_a_joined_room_is_told_by_its_things(knowledge: Knowledge) -> None:
     stand = house.instance(
         40, "tv stand", "R1", (4.5, 4.4, 0), (4.9, 5.6, 0.5), (("tv stand", 0.7), ("tv cabinet", 0.1))

@@ -1,0 +1,72 @@
+"""What of a thing's points is its surface, and how far places are from it. Pure functions over arrays, map frame, metres."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from irsd.graph.model import GraphSnapshot
+from nav_bridge.route import CostMap
+
+MAX_POINTS = 1000  # a target's points beyond this many are thinned: they lie millimetres apart
+_ON_FLOOR_M = 0.08  # what is no higher than this is no obstacle: the floor, or flat on it
+_LEAST_SOLID = (
+    0.2  # share of a thing's points off the free floor from which the others are floor that its masks bled over
+)
+
+
+def solid_part(points: NDArray[np.floating], costs: CostMap, floor_z_m: float | None) -> NDArray[np.floating]:
+    """A thing's points [N, 3] without those on floor that the map knows to be free, over which its masks have bled.
+
+    All of them for what lies flat on the floor (carpets, mats), and where it is not known how high the floor is.
+    """
+    if floor_z_m is None or not len(points):
+        return points
+    low = np.flatnonzero(points[:, 2] < floor_z_m + _ON_FLOOR_M)
+    cells = costs.frame.cells_of(points[low])
+    inside = costs.frame.inside(cells)
+    low, (rows, cols) = low[inside], cells[inside].T
+    bled = low[costs.known[rows, cols] & ~costs.blocked[rows, cols]]
+    solid = np.delete(points, bled, axis=0)
+    return solid if len(solid) >= _LEAST_SOLID * len(points) else points
+
+
+def floor_under(graph: GraphSnapshot, room_id: str | None) -> float | None:
+    """Height of the floor of a room, None for what is in none."""
+    return next((room.floor_z_m for room in graph.rooms if room.id == room_id), None)
+
+
+def surface_distance(
+    target_xy: NDArray[np.floating], xy: NDArray[np.floating], outlier_points: int = 1
+) -> NDArray[np.float64]:
+    """[N] plan distance of places [N, 2] to the target's points [M, 2]: the k-th nearest, so that lone noise does not count."""
+    points = np.asarray(target_xy, np.float64)[:, :2]
+    points, k = _thinned(points, outlier_points)
+    away, _ = cKDTree(points).query(np.asarray(xy, np.float64)[:, :2], k=[k])
+    return np.asarray(away[:, -1], np.float64)
+
+
+def surface_at(
+    place: NDArray[np.float64], solid: NDArray[np.float64], resolution_m: float, outlier_points: int
+) -> tuple[tuple[float, float, float] | None, float]:
+    """The point of a target's points [N, 2+] from which its distance to a place is taken, and the bound of its error."""
+    points, k = _thinned(solid, outlier_points)
+    away = np.hypot(*(points[:, :2] - place).T)
+    order = np.argsort(away, kind="stable")
+    error_m = resolution_m / math.sqrt(2.0) + float(away[order[k - 1]] - away[order[0]])
+    if points.shape[1] < 3:
+        return None, round(error_m, 3)
+    x, y, z = (round(float(v), 3) for v in points[order[k - 1], :3])
+    return (x, y, z), round(error_m, 3)
+
+
+def _thinned(points: NDArray[np.float64], outlier_points: int) -> tuple[NDArray[np.float64], int]:
+    """The points [N, 2+] from which a surface is measured, and how many of them must be as near as it."""
+    if outlier_points <= 1:
+        return points, 1
+    points = points[:: max(1, len(points) // MAX_POINTS)]
+    # Masks bleed over the edge of a thing: of many points, two percent may float before the surface.
+    return points, max(min(outlier_points, max(1, len(points) // 6)), len(points) // 50)
