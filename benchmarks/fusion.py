@@ -97,8 +97,8 @@ def rss_mb() -> float:
 
 def drive(
     memory: fusion.InstanceMemory, frames: Sequence[Frame], rooms: Rooms | None, collect_every: int
-) -> tuple[float, float, float, tuple[InstanceState, ...]]:
-    """(CPU s of observing, of collecting on the way, of the final pass, the states at the end)."""
+) -> tuple[float, float]:
+    """(CPU s of observing, of collecting on the way)."""
     start, collecting = time.process_time(), 0.0
     for k, (view, lifted) in enumerate(frames, start=1):
         memory.observe(view, lifted, rooms)
@@ -106,10 +106,15 @@ def drive(
             before = time.process_time()
             memory.collect(view.stamp_ns)
             collecting += time.process_time() - before
-    streamed = time.process_time()
-    memory.collect(frames[-1][0].stamp_ns)
+    return time.process_time() - start - collecting, collecting
+
+
+def finish(memory: fusion.InstanceMemory, stamp_ns: int) -> tuple[float, tuple[InstanceState, ...]]:
+    """(CPU s of the final pass, the states at the end)."""
+    start = time.process_time()
+    memory.collect(stamp_ns)
     states = memory.states()
-    return streamed - start - collecting, collecting, time.process_time() - streamed, states
+    return time.process_time() - start, states
 
 
 def score(scene: Scene, states: Sequence[InstanceState], tools: Path) -> dict[str, Any]:
@@ -130,25 +135,29 @@ def write(path: Path, states: Sequence[InstanceState]) -> None:
 
 
 def growth(scene: Scene, arguments: argparse.Namespace) -> dict[str, Any]:
-    """us per mask of the last copy of the scene, in a memory of about N instances."""
+    """us per mask of the last copy of the scene, in a memory of about N instances, and what a finished one adds to the memory."""
     memory = fusion.InstanceMemory(settings_of(arguments), embed)
     span = float(scene["rooms"][:, 2].max()) + 2.0
     per_scene = int((scene["gt_frames"] >= 3).sum())
     rooms = max(1, round(arguments.instances / per_scene * len(scene["rooms"])))
     copies = max(1, round(arguments.instances / per_scene))
-    before = rss_mb()
+    rss, count = [rss_mb()], [0]
     for k in range(copies):
         frames = list(frames_of(scene, k * span, rooms if copies == 1 else None))
-        observe_s, collect_s, final_s, states = drive(memory, frames, None, arguments.collect_every)
+        observe_s, collect_s = drive(memory, frames, None, arguments.collect_every)
         masks = sum(len(lifted) for _, lifted in frames)
-    return {
-        "instances": len(states),
+        rss.append(rss_mb())
+        count.append(len(memory))
+    figures = {
+        "instances": len(memory),
         "us_per_mask": round(observe_s / masks * 1e6, 1),
         "us_per_mask_with_collecting": round((observe_s + collect_s) / masks * 1e6, 1),
-        "final_s": round(final_s, 4),
-        "rss_added_mb": round(rss_mb() - before, 1),
-        "kb_per_instance": round((rss_mb() - before) * 1024 / max(len(states), 1), 1),
+        "rss_added_mb": round(rss[-1] - rss[0], 1),
     }
+    if copies >= 4:  # the first half fills the arrays; from then on memory grows by what is finished
+        half = copies // 2
+        figures["kb_per_finished_instance"] = round((rss[-1] - rss[half]) * 1024 / (count[-1] - count[half]), 1)
+    return figures
 
 
 def run(scene: Scene, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -156,7 +165,8 @@ def run(scene: Scene, arguments: argparse.Namespace) -> dict[str, Any]:
     rooms = rooms_of(scene) if arguments.rooms != "off" else None
     memory = fusion.InstanceMemory(settings_of(arguments), embed)
     before = rss_mb()
-    observe_s, collect_s, final_s, states = drive(memory, frames, rooms, arguments.collect_every)
+    observe_s, collect_s = drive(memory, frames, rooms, arguments.collect_every)
+    final_s, states = finish(memory, frames[-1][0].stamp_ns)
     masks = sum(len(lifted) for _, lifted in frames)
     figures: dict[str, Any] = {
         "frames": len(frames),

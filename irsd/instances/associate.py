@@ -26,7 +26,8 @@ class Things(NamedTuple):
     (0 = no meaning); level float32 [cap], typical hits of its voxels; size int32 [cap], voxels with good evidence; observations int32;
     expected float32 [cap], pictures that should have seen it; room int32 (0 = none); parted, whole int32: pictures in which
     several masks / one mask made it up; matches int32, likeness, likeness2 float32: how many masks were compared with the mean
-    that stood before, the sum of their cosines and of the squares; column int32, scratch, NOBODY between calls.
+    that stood before, the sum of their cosines and of the squares; used int32: last picture
+    in which it was seen, missed or compared; column int32, scratch, NOBODY between calls.
     """
 
     id: Ints
@@ -43,6 +44,7 @@ class Things(NamedTuple):
     matches: Rows
     likeness: Floats
     likeness2: Floats
+    used: Rows
     column: Rows
 
 
@@ -88,7 +90,7 @@ def new_things(capacity: int, dim: int) -> Things:
 
     return Things(
         np.zeros(capacity, np.int64), np.zeros((capacity, dim), np.float32), floats(), ints(), floats(), ints(), ints(),
-        floats(), ints(), ints(), ints(), ints(), floats(), floats(), np.full(capacity, -1, np.int32),
+        floats(), ints(), ints(), ints(), ints(), floats(), floats(), ints(), np.full(capacity, -1, np.int32),
     )  # fmt: skip
 
 

@@ -61,10 +61,11 @@ class Departures:
         surroundings: Surroundings,
         state_of: Callable[[Instance], InstanceState],
         drop: Callable[[Instance], None],
+        rows_of: Callable[[Instance], Rows],
     ) -> None:
-        """state_of, drop: the memory's own: an instance as it is told of, and how to take one out with all its claims."""
+        """The memory's own: state_of, an instance as it is told of; drop, to take one out with all its claims; rows_of, all its rows."""
         self._names, self._voxels, self._roster = names, voxels, roster
-        self._map, self._state_of, self._drop = surroundings, state_of, drop
+        self._map, self._state_of, self._drop, self._rows_of = surroundings, state_of, drop, rows_of
         self._step_m = settings.step_m
         self._watch = ChangeWatch(settings)
         self._departed = Departed(settings)
@@ -133,12 +134,12 @@ class Departures:
     def _depart(self, instance: Instance, sight: Sight, stamp_ns: int) -> Floats:
         """An instance is gone; returns the points of the map that went with it."""
         state = self._state_of(instance)
-        rows = np.concatenate(instance.rows)
+        rows = self._rows_of(instance)
         points = self._voxels.cells.point[main_claims(self._voxels.cells, rows, instance.slot)]
         self._drop(instance)
         self._departed.leave(state, stamp_ns)
         since = [i for i in self._roster.by_id.values() if i.published and i.first_seen_ns > state.last_seen_ns]
-        present = [self._state_of(i) for i in since if len(i.owned)]
+        present = [self._state_of(i) for i in since if i.somewhere]
         found = self._departed.recognised_by(state, [new for new in present if self._is_new_there(new, state)])
         if found is not None:
             self._reunite(self._roster.by_id[found.id], state)
@@ -146,6 +147,7 @@ class Departures:
 
     def _shrink(self, instance: Instance, sight: Sight, stamp_ns: int) -> Floats:
         """A part of an instance is gone, or it was pushed aside; returns the points of the map that are free now."""
+        self._rows_of(instance)
         points = self._voxels.cells.point[instance.owned]
         self._pushed.setdefault(instance.id, (self._watch.home(instance.id), stamp_ns))
         release(self._voxels.cells, instance.owned[sight.of(points) > 0], instance.slot)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from irsd.core.types import CameraView, InstanceState, InstanceUpdate, KnownThings, Rooms
 from irsd.instances.associate import add_meanings, match
+from irsd.instances.attic import Attic
 from irsd.instances.departures import NO_MAP, Departures, Surroundings
 from irsd.instances.habits import Habits
 from irsd.instances.judge import Contact, Judge
@@ -26,13 +27,15 @@ from irsd.instances.room_prior import room_of, rooms_of_all
 from irsd.instances.roster import Roster
 from irsd.instances.settings import FusionSettings
 from irsd.instances.settle import Settled, absorb, large_parts, release, settle
+from irsd.instances.stored import restored
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import FULL, MOST, Floats, Ints, Rows, Weights, add_evidence, voxel_keys
+from irsd.instances.voxels import FULL, Floats, Ints, Rows, Weights, add_evidence
 
 __all__ = ["FusionSettings", "InstanceMemory"]
 
 _RECENT = 5  # pictures within which a mask shows that a thing is there
 _CHECKED = 32  # unconfirmed instances looked at per collect
+_RESTORED = 256  # stored instances whose voxels are in memory at a time
 
 
 class InstanceMemory:
@@ -47,12 +50,13 @@ class InstanceMemory:
         self._names = Names(embed)
         self._voxels = VoxelMemory(settings.voxel_m)
         self._roster = Roster()
+        self._attic = Attic(self._voxels, self._roster, settings.rest_views)
         self._touched: dict[int, None] = {}
         self._waiting: deque[int] = deque()
         self._views = 0
         self._rooms: Rooms | None = None
         self._change = Departures(
-            settings.change, self._names, self._voxels, self._roster, surroundings, self._state, self._drop
+            settings.change, self._names, self._voxels, self._roster, surroundings, self._state, self._drop, self._rows
         )
         self._ended: list[int] = []
         self._merged: list[tuple[int, int]] = []
@@ -86,6 +90,8 @@ class InstanceMemory:
         points = np.concatenate([m.points_map for m in masks]) if masks else np.zeros((0, 3), np.float32)
         offset = np.zeros(len(masks) + 1, np.int64)
         offset[1:] = np.cumsum([len(m.points_map) for m in masks])
+        self._attic.show(points, self._views)
+        self._attic.show(lifted.seen_map, self._views)
         rows, starts = self._voxels.gather(points, offset)
         weights = self._weights(view, lifted, rows, starts)
         shown = self._voxels.sight(rows, lifted.seen_map, self._views)
@@ -97,6 +103,7 @@ class InstanceMemory:
         things = self._roster.things
         found = match(self._voxels.cells, things, rows, weights, starts, shown, meanings, dims, mask_rooms, self._rules)
         slots = found.slots
+        things.used[found.missed] = self._views
         self._touched.update((self._roster.by_slot[slot].id, None) for slot in found.missed.tolist())
         self._compare(found.pairs, slots)
         for k in np.flatnonzero(slots < 0).tolist():
@@ -111,10 +118,12 @@ class InstanceMemory:
 
     def known(self, points_map: Floats, dimension: int) -> KnownThings:
         """The instances that own map points float32 [K, 3], with their embeddings of that ``dimension``."""
+        self._attic.show(points_map, self._views)
         return known_things(self._voxels, self._roster, points_map, dimension)
 
     def claimed(self, points_map: Floats) -> Ints:
         """Ids int64 [K] of the published instances that own map points float32 [K, 3], 0 = nobody's."""
+        self._attic.show(points_map, self._views)
         slots = self._voxels.owners(points_map)
         published = [slot for slot in np.unique(slots).tolist() if slot >= 0 and self._roster.by_slot[slot].published]
         return np.where(np.isin(slots, published), self._roster.things.id[slots], 0)
@@ -122,6 +131,7 @@ class InstanceMemory:
     def _add_observation(self, instance: Instance, labels: Sequence[tuple[str, float]], stamp_ns: int) -> None:
         if instance.last_view != self._views:  # both halves of a split mask are one observation
             self._roster.things.observations[instance.slot] += 1
+            self._roster.things.used[instance.slot] = self._views
             instance.last_view = self._views
             instance.views.append(self._views)
         instance.last_seen_ns = stamp_ns
@@ -175,8 +185,13 @@ class InstanceMemory:
 
     def _drop(self, instance: Instance) -> None:
         """Take an instance out with all its claims."""
-        release(self._voxels.cells, np.concatenate(instance.rows), instance.slot)
+        release(self._voxels.cells, self._rows(instance), instance.slot)
         self._leave(instance)
+
+    def _rows(self, instance: Instance) -> Rows:
+        """All rows that an instance ever claimed, those at rest woken; with repetitions, and with rows that it lost."""
+        self._attic.wake(instance, self._views)
+        return instance.rows[0] if len(instance.rows) == 1 else np.concatenate(instance.rows)
 
     # ------------------------------------------------------------------------------------------------ rooms
     def follow_rooms(self, rooms: Rooms | None) -> None:
@@ -185,8 +200,10 @@ class InstanceMemory:
             return
         self._rooms = rooms
         for instance in self._roster.by_id.values():
-            if len(instance.owned):
-                room = room_of(rooms, self._voxels.cells.point[instance.owned])
+            if instance.somewhere:
+                outline = instance.outline
+                points = self._voxels.cells.point[instance.owned] if outline is None else outline
+                room = room_of(rooms, points)
                 if room != self._roster.things.room[instance.slot]:
                     self._roster.things.room[instance.slot] = room
                     self._touched[instance.id] = None
@@ -213,6 +230,7 @@ class InstanceMemory:
             if instance_id in by_id:
                 self._publish(by_id[instance_id], changed)
         self._forget()
+        self._attic.tidy(self._limits, self._views)
         told, over, found = self._change.tell(stamp_ns)
         changed += told
         ended, self._ended = tuple(sorted(self._ended + over)), []
@@ -222,8 +240,9 @@ class InstanceMemory:
     def _settle(self, instance: Instance) -> Settled:
         """Find the voxels that the instance owns now."""
         things, slot = self._roster.things, instance.slot
-        chunk = instance.rows[0] if len(instance.rows) == 1 else np.concatenate(instance.rows)
-        stock = settle(self._voxels.cells, things, chunk, instance.ascending, slot, self._limits)
+        rows = self._rows(instance)
+        things.used[slot] = self._views
+        stock = settle(self._voxels.cells, things, rows, instance.ascending, slot, self._limits)
         instance.rows, instance.ascending, instance.owned = [stock.rows], len(stock.rows), stock.owned
         things.level[slot], things.size[slot] = stock.typical, stock.good
         if self._rooms is not None and len(stock.owned):
@@ -264,7 +283,7 @@ class InstanceMemory:
     def _absorb(self, kept: Instance, gone: Instance) -> Instance:
         """All evidence of ``gone`` becomes that of ``kept``."""
         things, by_id = self._roster.things, self._roster.by_id
-        rows = np.concatenate(gone.rows)
+        rows = self._rows(gone)
         absorb(self._voxels.cells, rows, kept.slot, gone.slot)
         kept.rows.append(rows)
         kept.take_over(gone)
@@ -329,6 +348,7 @@ class InstanceMemory:
             self._drop(instance)
 
     def _state(self, instance: Instance) -> InstanceState:
+        self._attic.wake(instance, self._views)
         points = self._voxels.cells.point[instance.owned]
         points = points[large_parts(points, self.settings.part_m, self.settings.part_share)]
         slot = instance.slot
@@ -346,7 +366,7 @@ class InstanceMemory:
         )
 
     def states(self) -> tuple[InstanceState, ...]:
-        """All published instances, in the order of their ids."""
+        """All published instances, in the order of their ids. Wakes all that is at rest."""
         published = [i for _, i in sorted(self._roster.by_id.items()) if i.published]
         for instance in published:
             self._settle(instance)
@@ -354,32 +374,9 @@ class InstanceMemory:
 
     def restore(self, states: Sequence[InstanceState]) -> None:
         """Resume from stored states: their ids go on, their voxels carry as much evidence as they had pictures."""
-        things, cells = self._roster.things, self._voxels.cells
-        for state in sorted(states, key=lambda s: s.id):
-            instance = self._roster.create(state.first_seen_ns, state.room, state.id)
-            instance.last_seen_ns, instance.last_view, instance.published = state.last_seen_ns, self._views, True
-            instance.moved = state.state == "moved"
-            slot = np.array([instance.slot], np.int32)
-            for name, share in state.labels:
-                instance.add_label(name, self._names.group(name), share * state.observations)
-            keys, first = np.unique(voxel_keys(state.points_map, self._voxels.per_m), return_index=True)
-            rows = self._voxels.insert(keys)
-            things, cells = self._roster.things, self._voxels.cells
-            things.observations[slot] = state.observations
-            things.expected[slot] = state.observations / max(state.existence, 1e-3)
-            if state.embedding is not None:
-                meanings, dims = self._roster.meanings([state.embedding * np.float32(state.observations)])
-                things = self._roster.things
-                add_meanings(things, slot, meanings, dims)
-            cells.point[rows], cells.mass[rows] = state.points_map[first], min(state.observations, 255)
-            offset = np.array([0, len(rows)], np.int64)
-            full = np.full(len(rows), FULL, np.uint8)
-            add_evidence(cells, self._voxels.counts, rows, full, offset, slot, rows[:0], things.observations, 0.0)
-            mine = cells.owner[rows] == instance.slot
-            count = min(state.observations * FULL, MOST)
-            cells.hits[rows] = np.where(mine, count, cells.hits[rows])
-            cells.seen[rows] = np.where(mine, count, cells.seen[rows])
-            cells.views[rows] = np.maximum(cells.views[rows], min(state.observations, MOST))
-            instance.rows, instance.owned = [rows], rows
-            things.level[slot], things.size[slot] = count, len(rows)
+        for count, state in enumerate(sorted(states, key=lambda s: s.id), start=1):
+            instance = restored(state, self._names, self._voxels, self._roster, self._views)
             self._change.expect(instance)
+            if count % _RESTORED == 0:
+                self._attic.put_away(self._limits, self._views + 1)
+        self._attic.put_away(self._limits, self._views + 1)

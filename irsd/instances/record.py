@@ -51,6 +51,7 @@ class Instance:
 
     beside: id of another instance -> (pictures in which one mask covered both, pictures in which each had its own).
     moved: it stands elsewhere than where it was first found. views: the last pictures that had a mask of it.
+    blocks: keys of blocks at rest that hold voxels of it (see ``attic``); outline: some of its points float32 [k, 3] meanwhile.
     """
 
     id: int
@@ -67,6 +68,13 @@ class Instance:
     moved: bool = False
     beside: dict[int, tuple[int, int]] = field(default_factory=dict)
     views: deque[int] = field(default_factory=lambda: deque(maxlen=_VIEWS))
+    blocks: set[int] = field(default_factory=set)
+    outline: Floats | None = None
+
+    @property
+    def somewhere(self) -> bool:
+        """Whether it owns any voxel, be it at rest."""
+        return bool(len(self.owned) or self.blocks)
 
     def add_label(self, name: str, group: int, score: float) -> None:
         self.group_score[group] = self.group_score.get(group, 0.0) + score

@@ -83,6 +83,9 @@ class FusionSettings:
     part_m: float = setting(0.12, "edge of the cells that join the parts of an instance", lo=0.01, hi=1.0)
     part_share: float = setting(0.1, "parts with a smaller share of the largest part are not published", lo=0.0, hi=1.0)
     forget_views: int = setting(400, "pictures after which an unconfirmed instance is forgotten", lo=10, hi=1_000_000)
+    rest_views: int = setting(
+        100, "pictures without a look after which the voxels at a place are packed", lo=1, hi=1_000_000
+    )
     top_labels: int = setting(5, "labels given with an instance", lo=1, hi=100)
     change: ChangeSettings = field(default_factory=ChangeSettings)
 

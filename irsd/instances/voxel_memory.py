@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from irsd.instances.pack import Bytes, Opened, get, unpack_block
 from irsd.instances.voxels import (
     Cells,
     Floats,
@@ -66,6 +67,11 @@ class VoxelMemory:
     def drop(self, rows: Rows) -> None:
         """Free rows: their keys are forgotten, their claims with them."""
         drop_rows(self._table, self.cells, self.counts, self._free, rows)
+
+    def unpack(self, data: Bytes, block: int, frame: int) -> Opened:
+        """See ``pack.unpack_block``: rows again for the voxels of a packed block."""
+        self._reserve(int(get(data, 0, 16)))
+        return unpack_block(data, block, self._table, self.cells, self.counts, self._free, frame, self.per_m)
 
     def _reserve(self, more: int) -> None:
         rows = int(self.counts[0]) + more  # as if nothing could be reused: no more than one growth too early

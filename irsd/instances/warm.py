@@ -18,8 +18,8 @@ def _embed(names: Sequence[str]) -> NDArray[np.float32]:
 
 
 def warm_up() -> None:
-    """Fuse a few tiny pictures: two things of two masks that become one, rooms, collecting, forgetting and restoring."""
-    memory = InstanceMemory(FusionSettings(forget_views=10), _embed)
+    """Fuse a few tiny pictures: two things of two masks that become one, rooms, collecting, resting, forgetting and restoring."""
+    memory = InstanceMemory(FusionSettings(forget_views=10, rest_views=4), _embed)
     axis = np.arange(0.02, 0.4, 0.04)
     cube = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3).astype(np.float32)
     halves = (cube[: len(cube) // 2], cube[len(cube) // 2 :])

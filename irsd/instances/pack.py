@@ -1,0 +1,387 @@
+"""Kernels that pack the voxels of a block of space into bytes and back: what nobody looks at costs a few bytes a voxel.
+
+A block is a cube of 16 voxels. Packed are all its rows with their claims: a mean position to 1/32 of a voxel, the number of points to
+a power of two, all evidence exactly. Claims that are too thin to count for owning or merging are left out, and rows without any left:
+spill that the robot looked at long enough not to believe it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irsd.core.jit import kernel
+from irsd.instances.settle import Limits, cell_place, fair, worth
+from irsd.instances.voxels import CLAIMS, EMPTY, NOBODY, Cells, Floats, Ints, Rows, find_key, pack_key, take_row
+
+Bytes = NDArray[np.uint8]
+
+SHIFT = 4  # a block is 2^4 voxels wide
+_SIDE = 1 << SHIFT
+_PLACES = _SIDE**3
+_AXIS = 21  # bits of a voxel's coordinate in its key
+_LOW = (1 << _AXIS) - 1
+_FINE = 5  # bits of a mean position within its voxel
+_NEAR = 4  # bits of a small gap between occupied voxels; the largest value says that a long one follows
+_LONG = 3 * SHIFT
+_HEAD_BITS = 112  # rows, palette, widths (32 bits), three least values
+_ROW_BYTES = 33  # no row needs more
+_SLOT_BITS = 32
+_CLEAR = 1e-3  # voxels from a block's border within which only a point's key tells on which side it is
+
+
+class Widths(NamedTuple):
+    """Bits and least values of a block's columns. slot: number in the palette."""
+
+    slot: int
+    hits: int
+    seen: int
+    views: int
+    least_hits: int
+    least_seen: int
+    least_views: int
+
+
+class Opened(NamedTuple):
+    """rows int32 [n] of a block that was unpacked, claim slots int32 [n, CLAIMS] (NOBODY = none), owned bool [n, CLAIMS]."""
+
+    rows: Rows
+    slots: Rows
+    owned: NDArray[np.bool_]
+
+
+@kernel
+def block_of(key: int) -> int:
+    """Key of the block that holds a voxel, by the voxel's key."""
+    i, j, k = key >> (2 * _AXIS), (key >> _AXIS) & _LOW, key & _LOW
+    return ((i >> SHIFT) << (2 * _AXIS)) | ((j >> SHIFT) << _AXIS) | (k >> SHIFT)
+
+
+@kernel
+def place_in_block(key: int) -> int:
+    i, j, k = key >> (2 * _AXIS), (key >> _AXIS) & _LOW, key & _LOW
+    return ((i & (_SIDE - 1)) << (2 * SHIFT)) | ((j & (_SIDE - 1)) << SHIFT) | (k & (_SIDE - 1))
+
+
+@kernel
+def key_at(block: int, place: int) -> int:
+    """Key of a voxel by its block and its place there."""
+    i = ((block >> (2 * _AXIS)) << SHIFT) | (place >> (2 * SHIFT))
+    j = (((block >> _AXIS) & _LOW) << SHIFT) | ((place >> SHIFT) & (_SIDE - 1))
+    k = ((block & _LOW) << SHIFT) | (place & (_SIDE - 1))
+    return (i << (2 * _AXIS)) | (j << _AXIS) | k
+
+
+# ---------------------------------------------------------------------------------------------------------------- bits
+@kernel
+def put(out: Bytes, at: int, value: int, bits: int) -> int:
+    """Write the low bits of a value at a bit position of zeroed bytes; returns the next position."""
+    while bits > 0:
+        room = 8 - (at & 7)
+        n = min(room, bits)
+        out[at >> 3] |= np.uint8((value & ((1 << n) - 1)) << (at & 7))
+        value >>= n
+        at += n
+        bits -= n
+    return at
+
+
+@kernel
+def get(data: Bytes, at: int, bits: int) -> int:
+    """The value of so many bits at a bit position."""
+    value, done = 0, 0
+    while done < bits:
+        n = min(8 - (at & 7), bits - done)
+        value |= ((int(data[at >> 3]) >> (at & 7)) & ((1 << n) - 1)) << done
+        done += n
+        at += n
+    return value
+
+
+@kernel
+def bits_for(most: int) -> int:
+    """Bits that hold 0..most."""
+    bits = 0
+    while most >> bits:
+        bits += 1
+    return bits
+
+
+# -------------------------------------------------------------------------------------------------------------- packing
+@kernel
+def counts_for_more(cells: Cells, levels: Floats, row: int, claim: int, limits: Limits) -> bool:
+    """Whether a claim is worth keeping: it could own its voxel, or speaks for merging."""
+    slot = cells.owner[row, claim]
+    if slot < 0:
+        return False
+    hits, seen = float(cells.hits[row, claim]), float(cells.seen[row, claim])
+    return worth(hits, seen, levels[slot], limits) > 0 or fair(hits, seen, levels[slot], limits)
+
+
+@kernel
+def drop_thin(cells: Cells, levels: Floats, rows: Rows, limits: Limits) -> Rows:
+    """Release the claims of rows that are not worth keeping; the rows that keep any."""
+    out, n = np.empty(len(rows), np.int32), 0
+    for row in rows:
+        some = False
+        for c in range(CLAIMS):
+            if counts_for_more(cells, levels, row, c, limits):
+                some = True
+            else:
+                cells.owner[row, c] = NOBODY
+        if some:
+            out[n] = row
+            n += 1
+    return out[:n]
+
+
+@kernel
+def palette_of(cells: Cells, rows: Rows, mark: Rows) -> Rows:
+    """Slots int32 [p] that claim any of rows. mark: int32 [cap], NOBODY; gives the number of a slot in the palette, to be reset."""
+    out, n = np.empty(len(mark), np.int32), 0
+    for row in rows:
+        for c in range(CLAIMS):
+            slot = cells.owner[row, c]
+            if slot >= 0 and mark[slot] < 0:
+                mark[slot] = n
+                out[n] = slot
+                n += 1
+    return out[:n]
+
+
+@kernel
+def widths_of(cells: Cells, rows: Rows, palette: Rows) -> Widths:
+    low = np.full(3, 1 << 16, np.int64)
+    high = np.zeros(3, np.int64)
+    for row in rows:
+        views = int(cells.views[row])
+        low[2], high[2] = min(low[2], views), max(high[2], views)
+        for c in range(CLAIMS):
+            if cells.owner[row, c] >= 0:
+                hits, seen = int(cells.hits[row, c]), int(cells.seen[row, c])
+                low[0], high[0] = min(low[0], hits), max(high[0], hits)
+                low[1], high[1] = min(low[1], seen), max(high[1], seen)
+    return Widths(
+        bits_for(max(len(palette) - 1, 0)),
+        bits_for(high[0] - low[0]), bits_for(high[1] - low[1]), bits_for(high[2] - low[2]),
+        int(low[0]), int(low[1]), int(low[2]),
+    )  # fmt: skip
+
+
+@kernel
+def put_row(
+    out: Bytes, at: int, cells: Cells, row: int, mark: Rows, owned: NDArray[np.uint8], w: Widths, per_m: float
+) -> int:
+    """One row without its key. owned: uint8 [R], bit c = the instance of claim c owns the row."""
+    key = cells.key[row]
+    for axis in range(3):
+        corner = ((key >> (_AXIS * (2 - axis))) & _LOW) - (1 << (_AXIS - 1))
+        fine = int((np.float64(cells.point[row, axis]) * per_m - corner) * (1 << _FINE))
+        at = put(out, at, min(max(fine, 0), (1 << _FINE) - 1), _FINE)
+    at = put(out, at, int(cells.views[row]) - w.least_views, w.views)
+    at = put(out, at, max(bits_for(int(cells.mass[row])) - 1, 0), 3)
+    n = 0
+    for c in range(CLAIMS):
+        n += cells.owner[row, c] >= 0
+    at = put(out, at, n, 3)
+    for c in range(CLAIMS):
+        if cells.owner[row, c] >= 0:
+            at = put(out, at, mark[cells.owner[row, c]], w.slot)
+            at = put(out, at, int(cells.hits[row, c]) - w.least_hits, w.hits)
+            at = put(out, at, int(cells.seen[row, c]) - w.least_seen, w.seen)
+            at = put(out, at, (owned[row] >> c) & 1, 1)
+    return at
+
+
+@kernel
+def pack_block(cells: Cells, rows: Rows, mark: Rows, owned: NDArray[np.uint8], per_m: float) -> Bytes:
+    """Bytes of the rows int32 [n] of one block. mark: see ``palette_of``; owned: see ``put_row``."""
+    at_place = np.full(_PLACES, -1, np.int32)
+    for row in rows:
+        at_place[place_in_block(cells.key[row])] = row
+    palette = palette_of(cells, rows, mark)
+    w = widths_of(cells, rows, palette)
+    out = np.zeros(_HEAD_BITS // 8 + 4 * len(palette) + _ROW_BYTES * len(rows), np.uint8)
+    at = put(out, 0, len(rows), 16)
+    at = put(out, at, len(palette), 16)
+    at = put(out, at, w.slot | w.hits << 4 | w.seen << 9 | w.views << 14, 32)
+    at = put(out, at, w.least_hits, 16)
+    at = put(out, at, w.least_seen, 16)
+    at = put(out, at, w.least_views, 16)
+    for slot in palette:
+        at = put(out, at, int(slot), _SLOT_BITS)
+    last = -1
+    for place in range(_PLACES):
+        row = at_place[place]
+        if row < 0:
+            continue
+        gap, last = place - last - 1, place
+        if gap < (1 << _NEAR) - 1:
+            at = put(out, at, gap, _NEAR)
+        else:
+            at = put(out, at, (1 << _NEAR) - 1, _NEAR)
+            at = put(out, at, gap, _LONG)
+        at = put_row(out, at, cells, row, mark, owned, w, per_m)
+    for slot in palette:
+        mark[slot] = NOBODY
+    return out[: (at + 7) // 8].copy()
+
+
+# ------------------------------------------------------------------------------------------------------------ unpacking
+@kernel
+def read_palette(data: Bytes) -> Rows:
+    """Slots int32 [p] that a packed block names."""
+    count, at = get(data, 16, 16), _HEAD_BITS
+    out = np.empty(count, np.int32)
+    for k in range(count):
+        out[k] = get(data, at, _SLOT_BITS)
+        at += _SLOT_BITS
+    return out
+
+
+@kernel
+def unpack_block(
+    data: Bytes, block: int, table: Rows, cells: Cells, counts: Ints, free: Rows, frame: int, per_m: float
+) -> Opened:
+    """Give the voxels of a packed block rows again. frame: the picture that they count as last seen in."""
+    n = get(data, 0, 16)
+    palette = read_palette(data)
+    bits = get(data, 32, 32)
+    w_slot, w_hits, w_seen, w_views = bits & 15, (bits >> 4) & 31, (bits >> 9) & 31, (bits >> 14) & 31
+    least_hits, least_seen, least_views = get(data, 64, 16), get(data, 80, 16), get(data, 96, 16)
+    at = _HEAD_BITS + _SLOT_BITS * len(palette)
+    rows, slots = np.empty(n, np.int32), np.full((n, CLAIMS), -1, np.int32)
+    owned = np.zeros((n, CLAIMS), np.bool_)
+    place = -1
+    for r in range(n):
+        gap = get(data, at, _NEAR)
+        at += _NEAR
+        if gap == (1 << _NEAR) - 1:
+            gap = get(data, at, _LONG)
+            at += _LONG
+        place += gap + 1
+        key = key_at(block, place)
+        row = take_row(table, cells, counts, free, key)
+        rows[r] = row
+        for axis in range(3):
+            corner = ((key >> (_AXIS * (2 - axis))) & _LOW) - (1 << (_AXIS - 1))
+            cells.point[row, axis] = (corner + (get(data, at, _FINE) + 0.5) / (1 << _FINE)) / per_m
+            at += _FINE
+        cells.views[row] = get(data, at, w_views) + least_views
+        at += w_views
+        cells.mass[row] = 1 << get(data, at, 3)
+        count = get(data, at + 3, 3)
+        at += 6
+        for c in range(count):
+            slots[r, c] = palette[get(data, at, w_slot)]
+            at += w_slot
+            cells.hits[row, c] = get(data, at, w_hits) + least_hits
+            at += w_hits
+            cells.seen[row, c] = get(data, at, w_seen) + least_seen
+            at += w_seen
+            owned[r, c] = get(data, at, 1) == 1
+            at += 1
+            cells.owner[row, c] = slots[r, c]
+        cells.frame[row] = frame
+    return Opened(rows, slots, owned)
+
+
+# ------------------------------------------------------------------------------------------------------- what is at rest
+@kernel
+def resting_blocks(cells: Cells, count: int, used: Rows, since: int) -> tuple[Ints, Rows, Ints]:
+    """Blocks of which no row was seen, and nobody who claims any was used, in a picture from number ``since`` on.
+
+    Returns (blocks int64 [b] in order, their rows int32 [n], offsets int64 [b + 1]). count: rows ever used; used: int32 [cap], last
+    picture by slot.
+    """
+    places = 64
+    while places < 2 * count:
+        places *= 2
+    keys, last = np.full(places, -1, np.int64), np.zeros(places, np.int32)
+    at_of = np.full(count, -1, np.int32)
+    before, at = -1, 0
+    for row in range(count):
+        if cells.key[row] == EMPTY:
+            continue
+        block = block_of(cells.key[row])
+        if block != before:
+            at, before = cell_place(keys, block), block
+            keys[at] = block
+        at_of[row] = at
+        newest = cells.frame[row]
+        for c in range(CLAIMS):
+            if cells.owner[row, c] >= 0:
+                newest = max(newest, used[cells.owner[row, c]])
+        last[at] = max(last[at], newest)
+    return grouped(at_of, keys, last, since)
+
+
+@kernel
+def grouped(at_of: Rows, keys: Ints, last: Rows, since: int) -> tuple[Ints, Rows, Ints]:
+    """See ``resting_blocks``. at_of: int32 [R] place of a row's block among keys, -1 = none; last: last picture by place."""
+    sizes = np.zeros(len(keys), np.int64)
+    total = 0
+    for at in at_of:
+        if at >= 0 and last[at] < since:
+            sizes[at] += 1
+            total += 1
+    blocks, offset, n = np.empty(total, np.int64), np.zeros(total + 1, np.int64), 0
+    for at in range(len(keys)):
+        if sizes[at] > 0:
+            blocks[n] = keys[at]
+            offset[n + 1] = offset[n] + sizes[at]
+            sizes[at] = offset[n]  # from now on: where its next row goes
+            n += 1
+    rows = np.empty(total, np.int32)
+    for row in range(len(at_of)):
+        at = at_of[row]
+        if at >= 0 and last[at] < since:
+            rows[sizes[at]] = row
+            sizes[at] += 1
+    return blocks[:n].copy(), rows, offset[: n + 1].copy()
+
+
+@kernel
+def note_owned(cells: Cells, owned: NDArray[np.uint8], rows: Rows, slot: int) -> None:
+    """Set in owned uint8 [R] that a slot's claims own rows."""
+    for row in rows:
+        for c in range(CLAIMS):
+            if cells.owner[row, c] == slot:
+                owned[row] |= np.uint8(1 << c)
+
+
+@kernel
+def still_there(cells: Cells, rows: Rows) -> Rows:
+    """Those of rows that are in use, in their order."""
+    out, n = np.empty(len(rows), np.int32), 0
+    for row in rows:
+        if cells.key[row] != EMPTY:
+            out[n] = row
+            n += 1
+    return out[:n].copy()
+
+
+@kernel
+def find_resting(table: Rows, blocks: Ints, points: Floats, per_m: float) -> Rows:
+    """Places int32 [k], each once, of the packed blocks that hold any of points [N, 3]; blocks: int64 [B] by place, see ``find_key``."""
+    out, n = np.empty(64, np.int32), 0
+    edge = (_SIDE - 2 * _CLEAR) / per_m
+    x0 = y0 = z0 = np.inf
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        if x0 <= x < x0 + edge and y0 <= y < y0 + edge and z0 <= z < z0 + edge:
+            continue  # still in the block of the point before
+        block = block_of(pack_key(x, y, z, per_m))
+        x0 = ((block >> (2 * _AXIS)) * _SIDE - (1 << (_AXIS - 1)) + _CLEAR) / per_m
+        y0 = (((block >> _AXIS) & _LOW) * _SIDE - (1 << (_AXIS - 1)) + _CLEAR) / per_m
+        z0 = ((block & _LOW) * _SIDE - (1 << (_AXIS - 1)) + _CLEAR) / per_m
+        place = find_key(table, blocks, block)
+        if place < 0 or (out[:n] == place).any():
+            continue
+        if n == len(out):
+            out = np.concatenate((out, np.empty_like(out)))
+        out[n] = place
+        n += 1
+    return out[:n].copy()
