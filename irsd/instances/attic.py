@@ -1,31 +1,22 @@
 """Where the voxels of what nobody looks at are kept, packed, until somebody looks there again.
 
-Space is packed, not things: a block of voxels goes to rest when no picture showed it and nobody who claims any of it was seen for long.
-A thing keeps its slot, its numbers and its id; the blocks that hold its voxels are noted with it. Whatever a picture shows is
-unpacked before it is looked at, so that no answer depends on what was at rest.
+Space is packed, not things: a block of voxels goes to rest when no picture showed it and nobody who claims any of it was seen for
+long. A thing of which all blocks rest gives its slot back; the blocks that hold its voxels are noted with it. Whatever a picture shows
+is unpacked before it is looked at, so that no answer depends on what was at rest.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from irsd.instances.pack import (
-    Bytes,
-    drop_thin,
-    find_resting,
-    note_owned,
-    pack_block,
-    read_palette,
-    resting_blocks,
-    still_there,
-)
+from irsd.instances.pack import find_resting, held, note_owned, pack_all, read_palette, resting_blocks
 from irsd.instances.record import Instance
 from irsd.instances.roster import Roster
 from irsd.instances.settle import Limits
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import EMPTY, NOBODY, Floats, Ints, Rows, drop_key, enter_key, find_key, new_table
+from irsd.instances.voxels import EMPTY, Floats, drop_key, enter_key, find_key, new_table
 
-_OUTLINE = 24  # points that stand for a thing while not all of its voxels are there
+_OUTLINE = 16  # points that stand for a thing while not all of its voxels are there
 _PASSES = 4  # per time of rest
 
 
@@ -35,7 +26,7 @@ class Attic:
     def __init__(self, voxels: VoxelMemory, roster: Roster, rest_views: int) -> None:
         """rest_views: pictures without a look after which a block goes to rest."""
         self._voxels, self._roster, self._rest = voxels, roster, rest_views
-        self._data: list[Bytes | None] = []
+        self._data: list[bytes] = []  # empty: a free place
         self._blocks = np.full(256, EMPTY, np.int64)  # by place in _data
         self._table = new_table(10)
         self._free: list[int] = []
@@ -48,7 +39,7 @@ class Attic:
     @property
     def size_bytes(self) -> int:
         """What the packed blocks hold."""
-        return sum(len(data) for data in self._data if data is not None)
+        return sum(map(len, self._data))
 
     # ------------------------------------------------------------------------------------------------ waking
     def show(self, points: Floats, view: int) -> None:
@@ -59,22 +50,25 @@ class Attic:
 
     def wake(self, instance: Instance, view: int) -> None:
         """All voxels of an instance are wanted."""
-        for block in sorted(instance.blocks):
+        for block in list(instance.blocks):
             self._open(find_key(self._table, self._blocks, block), view)
+        self._roster.recall(instance)
 
     def _open(self, place: int, view: int) -> None:
-        data, block = self._data[place], int(self._blocks[place])
-        assert data is not None
+        data, block = np.frombuffer(self._data[place], np.uint8), int(self._blocks[place])
         drop_key(self._table, self._blocks, block)
-        self._data[place], self._blocks[place] = None, EMPTY
+        self._data[place], self._blocks[place] = b"", EMPTY
         self._free.append(place)
-        opened = self._voxels.unpack(data, block, view - 1)
-        for slot in read_palette(data).tolist():
-            instance = self._roster.by_slot[slot]
-            claimed = opened.slots == slot
+        instances = [self._roster.by_id[number] for number in read_palette(data).tolist()]
+        for instance in instances:
+            self._roster.recall(instance)
+        slots = np.array([instance.slot for instance in instances], np.int32)
+        opened = self._voxels.unpack(data, slots, block, view - 1)
+        for instance in instances:
+            claimed = opened.slots == instance.slot
             instance.rows.append(opened.rows[claimed.any(1)])
             instance.owned = np.concatenate([instance.owned, opened.rows[(claimed & opened.owned).any(1)]])
-            instance.blocks.discard(block)
+            instance.blocks.remove(block)
             if not instance.blocks:
                 instance.outline = None
 
@@ -87,39 +81,38 @@ class Attic:
 
     def put_away(self, limits: Limits, since: int) -> None:
         """Put to rest what was not looked at in the pictures from number ``since`` on."""
-        voxels, cells = self._voxels, self._voxels.cells
-        things, by_slot = self._roster.things, self._roster.by_slot
-        blocks, rows, offset = resting_blocks(cells, int(voxels.counts[0]), things.used, since)
+        voxels, cells, things = self._voxels, self._voxels.cells, self._roster.things
+        count = int(voxels.counts[0])
+        blocks, rows, offset = resting_blocks(cells, count, things.used, since)
         if not len(blocks):
             return
         slots = np.unique(cells.owner[rows])
-        sleepers = [by_slot[slot] for slot in slots[slots >= 0].tolist()]
-        owned = np.zeros(int(voxels.counts[0]), np.uint8)
+        sleepers = [self._roster.by_slot[slot] for slot in slots[slots >= 0].tolist()]
+        owned = np.zeros(count, np.uint8)
         for instance in sleepers:
             if instance.outline is None and len(instance.owned):
                 step = -(-len(instance.owned) // _OUTLINE)
                 instance.outline = cells.point[instance.owned[::step]]
             note_owned(cells, owned, instance.owned, instance.slot)
-        mark = np.full(len(things.id), NOBODY, np.int32)
+        data, ends = pack_all(cells, things.level, things.id, rows, offset, owned, limits, voxels.per_m)
         for k, block in enumerate(blocks.tolist()):
-            kept = drop_thin(cells, things.level, rows[offset[k] : offset[k + 1]], limits)
-            if len(kept):
-                self._keep(block, pack_block(cells, kept, mark, owned, voxels.per_m))
+            if ends[k + 1] > ends[k]:
+                self._keep(block, data[ends[k] : ends[k + 1]].tobytes())
         voxels.drop(rows)
         for instance in sleepers:
             self._let_go(instance)
 
-    def _keep(self, block: int, data: Bytes) -> None:
+    def _keep(self, block: int, data: bytes) -> None:
         if not self._free:
             self._free.append(len(self._data))
-            self._data.append(None)
+            self._data.append(b"")
             if len(self._data) > len(self._blocks):
                 self._grow()
         place = self._free.pop()
         self._data[place], self._blocks[place] = data, block
         enter_key(self._table, block, place)
-        for slot in read_palette(data).tolist():
-            self._roster.by_slot[slot].blocks.add(block)
+        for number in read_palette(np.frombuffer(data, np.uint8)).tolist():
+            self._roster.by_id[number].blocks.append(block)
 
     def _grow(self) -> None:
         self._blocks = np.concatenate([self._blocks, np.full_like(self._blocks, EMPTY)])
@@ -128,8 +121,10 @@ class Attic:
             enter_key(self._table, int(self._blocks[place]), place)
 
     def _let_go(self, instance: Instance) -> None:
-        """Forget the rows that an instance has no more."""
+        """Forget the rows that an instance has no more, and its slot with the last of them."""
         cells = self._voxels.cells
-        instance.rows = [still_there(cells, np.concatenate(instance.rows))]
-        instance.ascending = 0
-        instance.owned = still_there(cells, instance.owned)
+        instance.rows, instance.ascending = [held(cells, np.concatenate(instance.rows), instance.slot)], 0
+        instance.owned = held(cells, instance.owned, instance.slot)
+        if not len(instance.rows[0]):
+            instance.rows, instance.owned = [], instance.owned[:0].copy()
+            self._roster.retire(instance)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,20 +144,38 @@ class Verdict:
     sight: Sight | None = None
 
 
+class Probes(NamedTuple):
+    """Points of a thing that are asked about, kept small: they lie within metres of the centre [3]. offset: float16 [n, 3]."""
+
+    centre: NDArray[np.float64]
+    offset: NDArray[np.float16]
+
+    @property
+    def points(self) -> Floats:
+        """float32 [n, 3], to a millimetre."""
+        return np.asarray(self.offset.astype(np.float32) + self.centre.astype(np.float32))
+
+
+def probes_of(points: Floats) -> Probes:
+    """Some of the points float32 [n, 3] of a thing."""
+    chosen = points[:: max(len(points) // _PROBES, 1)]
+    centre = chosen.mean(0, np.float64)
+    return Probes(centre, (chosen - centre).astype(np.float16))
+
+
 @dataclass(slots=True)
 class _Looked:
-    """One thing. probes float32 [n, 3], home: those when all of it was last confirmed; centre [3]; thick_m: least extent;
-    existence: share of its pictures that saw it, when it was last detected.
+    """One thing. probes: some of its points, home: those when all of it was last confirmed; thick_m: least extent; existence: share of
+    its pictures that saw it, when it was last detected.
 
     LiDAR: usual, weight: share passed while it was surely there; empty, partly: looks in a row. Camera: reach_m float32 [16], how
     far off it was detected by direction, looked up again at reach_ns; hits, misses: pictures while it was there; looks, missed:
     since it was last detected.
     """
 
-    probes: Floats
-    centre: NDArray[np.float64]
+    probes: Probes
     thick_m: float
-    home: Floats
+    home: Probes
     existence: float
     usual: float = 0.0
     weight: float = 1.0
@@ -189,7 +208,7 @@ class _Looked:
 
     def sector(self, camera_m: NDArray[np.float64]) -> tuple[int, float]:
         """(direction, distance_m) of a camera at [3] as seen from the thing."""
-        x, y, z = (camera_m - self.centre).tolist()
+        x, y, z = (camera_m - self.probes.centre).tolist()
         turn = (np.arctan2(y, x) / (2 * np.pi)) % 1.0
         return int(turn * _SECTORS) % _SECTORS, float(np.sqrt(x * x + y * y + z * z))
 
@@ -244,14 +263,13 @@ class ChangeWatch:
 
     def place(self, instance_id: int, points: Floats, existence: float = 1.0) -> None:
         """An instance is here: points float32 [n, 3]; existence: share of the pictures that should have seen it and did."""
-        step = max(len(points) // _PROBES, 1)
-        probes = np.ascontiguousarray(points[::step])
-        centre, thick_m = probes.mean(0, np.float64), _least_extent(probes)
+        probes = probes_of(points)
+        thick_m = _least_extent(probes.points)
         old = self._places.get(instance_id)
         if old is None:
-            self._places[instance_id] = _Looked(probes, centre, thick_m, probes, existence)
+            self._places[instance_id] = _Looked(probes, thick_m, probes, existence)
         else:
-            old.probes, old.centre, old.thick_m, old.existence = probes, centre, thick_m, existence
+            old.probes, old.thick_m, old.existence = probes, thick_m, existence
 
     def expect(self, instance_id: int, points: Floats) -> None:
         """A thing known from before is supposed to be here; how it is detected is not known."""
@@ -263,7 +281,7 @@ class ChangeWatch:
 
     def home(self, instance_id: int) -> Floats:
         """Some of the points of a thing when the LiDAR last confirmed all of it."""
-        return self._places[instance_id].home
+        return self._places[instance_id].home.points
 
     def rename(self, instance_id: int, new_id: int) -> None:
         if instance_id in self._places:
@@ -289,7 +307,7 @@ class ChangeWatch:
             return Verdict()
         self._due_ns = stamp_ns + period_ns
         ids = np.array(sorted(self._places))
-        centres = np.stack([self._places[i].centre for i in ids.tolist()])
+        centres = np.stack([self._places[i].probes.centre for i in ids.tolist()])
         close = ids[np.linalg.norm(centres - origin_map, axis=1) < s.range_m].tolist()
         if not close:
             return Verdict()
@@ -299,7 +317,7 @@ class ChangeWatch:
         gone, partly = [], []
         for instance_id in close:
             place = self._places[instance_id]
-            seen = sight.of(place.probes)
+            seen = sight.of(place.probes.points)
             passed, decided = int((seen > 0).sum()), int((np.abs(seen) == 1).sum())
             if decided >= max(s.min_decided, _DECIDED * int((seen != 0).sum())):
                 place.passed(passed / decided, s, stamp_ns - place.seen_ns <= _FRESH_NS)

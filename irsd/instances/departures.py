@@ -63,7 +63,7 @@ class Departures:
         drop: Callable[[Instance], None],
         rows_of: Callable[[Instance], Rows],
     ) -> None:
-        """The memory's own: state_of, an instance as it is told of; drop, to take one out with all its claims; rows_of, all its rows."""
+        """The memory's own: state_of, an instance as told of; drop, to take one out with all its claims; rows_of, all its rows."""
         self._names, self._voxels, self._roster = names, voxels, roster
         self._map, self._state_of, self._drop, self._rows_of = surroundings, state_of, drop, rows_of
         self._step_m = settings.step_m

@@ -35,6 +35,7 @@ __all__ = ["FusionSettings", "InstanceMemory"]
 
 _RECENT = 5  # pictures within which a mask shows that a thing is there
 _CHECKED = 32  # unconfirmed instances looked at per collect
+NO_ROWS = np.zeros(0, np.int32)
 _RESTORED = 256  # stored instances whose voxels are in memory at a time
 
 
@@ -132,8 +133,7 @@ class InstanceMemory:
         if instance.last_view != self._views:  # both halves of a split mask are one observation
             self._roster.things.observations[instance.slot] += 1
             self._roster.things.used[instance.slot] = self._views
-            instance.last_view = self._views
-            instance.views.append(self._views)
+            instance.seen_in(self._views)
         instance.last_seen_ns = stamp_ns
         for name, score in labels:
             instance.add_label(name, self._names.group(name), score)
@@ -191,7 +191,7 @@ class InstanceMemory:
     def _rows(self, instance: Instance) -> Rows:
         """All rows that an instance ever claimed, those at rest woken; with repetitions, and with rows that it lost."""
         self._attic.wake(instance, self._views)
-        return instance.rows[0] if len(instance.rows) == 1 else np.concatenate(instance.rows)
+        return instance.rows[0] if len(instance.rows) == 1 else np.concatenate([NO_ROWS, *instance.rows])
 
     # ------------------------------------------------------------------------------------------------ rooms
     def follow_rooms(self, rooms: Rooms | None) -> None:
@@ -203,9 +203,7 @@ class InstanceMemory:
             if instance.somewhere:
                 outline = instance.outline
                 points = self._voxels.cells.point[instance.owned] if outline is None else outline
-                room = room_of(rooms, points)
-                if room != self._roster.things.room[instance.slot]:
-                    self._roster.things.room[instance.slot] = room
+                if self._roster.move(instance, room_of(rooms, points)):
                     self._touched[instance.id] = None
 
     # ------------------------------------------------------------------------------------------------ collecting
@@ -239,8 +237,8 @@ class InstanceMemory:
 
     def _settle(self, instance: Instance) -> Settled:
         """Find the voxels that the instance owns now."""
-        things, slot = self._roster.things, instance.slot
         rows = self._rows(instance)
+        things, slot = self._roster.things, instance.slot
         things.used[slot] = self._views
         stock = settle(self._voxels.cells, things, rows, instance.ascending, slot, self._limits)
         instance.rows, instance.ascending, instance.owned = [stock.rows], len(stock.rows), stock.owned

@@ -1,6 +1,6 @@
 """Kernels that pack the voxels of a block of space into bytes and back: what nobody looks at costs a few bytes a voxel.
 
-A block is a cube of 16 voxels. Packed are all its rows with their claims: a mean position to 1/32 of a voxel, the number of points to
+A block is a cube of 16 voxels. Packed are all its rows with their claims: a mean position to 1/16 of a voxel, the number of points to
 a power of two, all evidence exactly. Claims that are too thin to count for owning or merging are left out, and rows without any left:
 spill that the robot looked at long enough not to believe it.
 """
@@ -23,12 +23,12 @@ _SIDE = 1 << SHIFT
 _PLACES = _SIDE**3
 _AXIS = 21  # bits of a voxel's coordinate in its key
 _LOW = (1 << _AXIS) - 1
-_FINE = 5  # bits of a mean position within its voxel
+_FINE = 4  # bits of a mean position within its voxel
 _NEAR = 4  # bits of a small gap between occupied voxels; the largest value says that a long one follows
 _LONG = 3 * SHIFT
 _HEAD_BITS = 112  # rows, palette, widths (32 bits), three least values
-_ROW_BYTES = 33  # no row needs more
-_SLOT_BITS = 32
+_ROW_BYTES = 64  # no row needs more, its share of the palette included
+_ID_BITS = 48
 _CLEAR = 1e-3  # voxels from a block's border within which only a point's key tells on which side it is
 
 
@@ -196,14 +196,15 @@ def put_row(
 
 
 @kernel
-def pack_block(cells: Cells, rows: Rows, mark: Rows, owned: NDArray[np.uint8], per_m: float) -> Bytes:
-    """Bytes of the rows int32 [n] of one block. mark: see ``palette_of``; owned: see ``put_row``."""
+def pack_block(
+    cells: Cells, ids: Ints, rows: Rows, mark: Rows, owned: NDArray[np.uint8], per_m: float, out: Bytes
+) -> int:
+    """Write the rows int32 [n] of one block into zeroed bytes; returns how many bytes it took. ids: int64 [cap] by slot."""
     at_place = np.full(_PLACES, -1, np.int32)
     for row in rows:
         at_place[place_in_block(cells.key[row])] = row
     palette = palette_of(cells, rows, mark)
     w = widths_of(cells, rows, palette)
-    out = np.zeros(_HEAD_BITS // 8 + 4 * len(palette) + _ROW_BYTES * len(rows), np.uint8)
     at = put(out, 0, len(rows), 16)
     at = put(out, at, len(palette), 16)
     at = put(out, at, w.slot | w.hits << 4 | w.seen << 9 | w.views << 14, 32)
@@ -211,7 +212,7 @@ def pack_block(cells: Cells, rows: Rows, mark: Rows, owned: NDArray[np.uint8], p
     at = put(out, at, w.least_seen, 16)
     at = put(out, at, w.least_views, 16)
     for slot in palette:
-        at = put(out, at, int(slot), _SLOT_BITS)
+        at = put(out, at, ids[slot], _ID_BITS)
     last = -1
     for place in range(_PLACES):
         row = at_place[place]
@@ -226,32 +227,64 @@ def pack_block(cells: Cells, rows: Rows, mark: Rows, owned: NDArray[np.uint8], p
         at = put_row(out, at, cells, row, mark, owned, w, per_m)
     for slot in palette:
         mark[slot] = NOBODY
-    return out[: (at + 7) // 8].copy()
+    return (at + 7) // 8
+
+
+@kernel
+def pack_all(
+    cells: Cells,
+    levels: Floats,
+    ids: Ints,
+    rows: Rows,
+    offset: Ints,
+    owned: NDArray[np.uint8],
+    limits: Limits,
+    per_m: float,
+) -> tuple[Bytes, Ints]:
+    """Pack blocks, the rows of each at offset[b]:offset[b + 1]: (bytes, offsets int64 [b + 1]); none where nothing is worth keeping.
+
+    levels, ids: by slot; owned: see ``put_row``. Thin claims are released on the way.
+    """
+    mark = np.full(len(ids), NOBODY, np.int32)
+    out = np.zeros(_ROW_BYTES * len(rows) + (len(offset) - 1) * (_HEAD_BITS // 8) + 1024, np.uint8)
+    ends = np.zeros(len(offset), np.int64)
+    for b in range(len(offset) - 1):
+        kept = drop_thin(cells, levels, rows[offset[b] : offset[b + 1]], limits)
+        size = pack_block(cells, ids, kept, mark, owned, per_m, out[ends[b] :]) if len(kept) else 0
+        ends[b + 1] = ends[b] + size
+    return out[: ends[-1]].copy(), ends
 
 
 # ------------------------------------------------------------------------------------------------------------ unpacking
 @kernel
-def read_palette(data: Bytes) -> Rows:
-    """Slots int32 [p] that a packed block names."""
+def read_palette(data: Bytes) -> Ints:
+    """Ids int64 [p] of the instances that a packed block names."""
     count, at = get(data, 16, 16), _HEAD_BITS
-    out = np.empty(count, np.int32)
+    out = np.empty(count, np.int64)
     for k in range(count):
-        out[k] = get(data, at, _SLOT_BITS)
-        at += _SLOT_BITS
+        out[k] = get(data, at, _ID_BITS)
+        at += _ID_BITS
     return out
 
 
 @kernel
 def unpack_block(
-    data: Bytes, block: int, table: Rows, cells: Cells, counts: Ints, free: Rows, frame: int, per_m: float
+    data: Bytes,
+    palette: Rows,
+    block: int,
+    table: Rows,
+    cells: Cells,
+    counts: Ints,
+    free: Rows,
+    frame: int,
+    per_m: float,
 ) -> Opened:
-    """Give the voxels of a packed block rows again. frame: the picture that they count as last seen in."""
+    """Give the voxels of a packed block rows again. palette: slots of those it names; frame: picture that they were last seen in."""
     n = get(data, 0, 16)
-    palette = read_palette(data)
     bits = get(data, 32, 32)
     w_slot, w_hits, w_seen, w_views = bits & 15, (bits >> 4) & 31, (bits >> 9) & 31, (bits >> 14) & 31
     least_hits, least_seen, least_views = get(data, 64, 16), get(data, 80, 16), get(data, 96, 16)
-    at = _HEAD_BITS + _SLOT_BITS * len(palette)
+    at = _HEAD_BITS + _ID_BITS * len(palette)
     rows, slots = np.empty(n, np.int32), np.full((n, CLAIMS), -1, np.int32)
     owned = np.zeros((n, CLAIMS), np.bool_)
     place = -1
@@ -297,17 +330,25 @@ def resting_blocks(cells: Cells, count: int, used: Rows, since: int) -> tuple[In
     picture by slot.
     """
     places = 64
-    while places < 2 * count:
+    while places < count // 8:
         places *= 2
     keys, last = np.full(places, -1, np.int64), np.zeros(places, np.int32)
     at_of = np.full(count, -1, np.int32)
-    before, at = -1, 0
-    for row in range(count):
+    before, at, number = -1, 0, 0
+    row = 0
+    while row < count:
         if cells.key[row] == EMPTY:
+            row += 1
             continue
         block = block_of(cells.key[row])
         if block != before:
+            if 2 * number > places:  # too full: all over again with more room
+                places *= 4
+                keys, last = np.full(places, -1, np.int64), np.zeros(places, np.int32)
+                before, number, row = -1, 0, 0
+                continue
             at, before = cell_place(keys, block), block
+            number += keys[at] < 0
             keys[at] = block
         at_of[row] = at
         newest = cells.frame[row]
@@ -315,6 +356,7 @@ def resting_blocks(cells: Cells, count: int, used: Rows, since: int) -> tuple[In
             if cells.owner[row, c] >= 0:
                 newest = max(newest, used[cells.owner[row, c]])
         last[at] = max(last[at], newest)
+        row += 1
     return grouped(at_of, keys, last, since)
 
 
@@ -353,11 +395,11 @@ def note_owned(cells: Cells, owned: NDArray[np.uint8], rows: Rows, slot: int) ->
 
 
 @kernel
-def still_there(cells: Cells, rows: Rows) -> Rows:
-    """Those of rows that are in use, in their order."""
+def held(cells: Cells, rows: Rows, slot: int) -> Rows:
+    """Those of rows that a slot claims, in their order."""
     out, n = np.empty(len(rows), np.int32), 0
     for row in rows:
-        if cells.key[row] != EMPTY:
+        if (cells.owner[row] == slot).any():
             out[n] = row
             n += 1
     return out[:n].copy()
@@ -365,7 +407,7 @@ def still_there(cells: Cells, rows: Rows) -> Rows:
 
 @kernel
 def find_resting(table: Rows, blocks: Ints, points: Floats, per_m: float) -> Rows:
-    """Places int32 [k], each once, of the packed blocks that hold any of points [N, 3]; blocks: int64 [B] by place, see ``find_key``."""
+    """Places int32 [k], each once, of the packed blocks that hold any of points [N, 3]. blocks: int64 [B] by place."""
     out, n = np.empty(64, np.int32), 0
     edge = (_SIDE - 2 * _CLEAR) / per_m
     x0 = y0 = z0 = np.inf

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,13 @@ class Names:
         return self._group[name]
 
 
+class Numbers(NamedTuple):
+    """What ``Things`` hold of an instance: its numbers in their order but id and mean, and the direction of the mean, float16 [D]."""
+
+    scalars: array[float]
+    mean: NDArray[np.float16]
+
+
 @dataclass(slots=True)
 class Instance:
     """One instance beside its numbers in ``Things``. rows: chunks of the rows it ever claimed; owned: those it owned.
@@ -52,6 +60,7 @@ class Instance:
     beside: id of another instance -> (pictures in which one mask covered both, pictures in which each had its own).
     moved: it stands elsewhere than where it was first found. views: the last pictures that had a mask of it.
     blocks: keys of blocks at rest that hold voxels of it (see ``attic``); outline: some of its points float32 [k, 3] meanwhile.
+    numbers: what ``Things`` held of it, while it has no slot (slot = NOBODY).
     """
 
     id: int
@@ -67,14 +76,21 @@ class Instance:
     published: bool = False
     moved: bool = False
     beside: dict[int, tuple[int, int]] = field(default_factory=dict)
-    views: deque[int] = field(default_factory=lambda: deque(maxlen=_VIEWS))
-    blocks: set[int] = field(default_factory=set)
+    views: array[int] = field(default_factory=lambda: array("i"))
+    blocks: array[int] = field(default_factory=lambda: array("q"))
     outline: Floats | None = None
+    numbers: Numbers | None = None
 
     @property
     def somewhere(self) -> bool:
         """Whether it owns any voxel, be it at rest."""
         return bool(len(self.owned) or self.blocks)
+
+    def seen_in(self, view: int) -> None:
+        """A picture had a mask of it."""
+        self.last_view = view
+        self.views.append(view)
+        del self.views[:-_VIEWS]
 
     def add_label(self, name: str, group: int, score: float) -> None:
         self.group_score[group] = self.group_score.get(group, 0.0) + score
@@ -105,7 +121,7 @@ class Instance:
         self.first_seen_ns = min(self.first_seen_ns, other.first_seen_ns)
         self.last_seen_ns = max(self.last_seen_ns, other.last_seen_ns)
         self.last_view = max(self.last_view, other.last_view)
-        self.views = deque(sorted({*self.views, *other.views}), maxlen=_VIEWS)
+        self.views = array("i", sorted({*self.views, *other.views})[-_VIEWS:])
         for group, score in other.group_score.items():
             self.group_score[group] = self.group_score.get(group, 0.0) + score
         for name, score in other.name_score.items():

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 from numpy.typing import NDArray
 
 from irsd.instances.associate import Things, new_things
-from irsd.instances.record import Instance
-from irsd.instances.voxels import Floats
+from irsd.instances.record import Instance, Numbers
+from irsd.instances.voxels import NOBODY, Floats
+
+_SCALARS = tuple(name for name in Things._fields if name not in ("id", "mean", "column"))
 
 
 class Roster:
@@ -25,16 +29,11 @@ class Roster:
 
     def create(self, stamp_ns: int, room: int, instance_id: int | None = None) -> Instance:
         """A new instance in a free slot, all its numbers zero."""
-        if not self._free:
-            self._grow(2 * len(self.things.id), self.things.mean.shape[1])
-        slot = self._free.pop()
         number = self.next_id if instance_id is None else instance_id
         self.next_id = max(self.next_id, number + 1)
-        for array in self.things:
-            array[slot] = 0
-        self.things.column[slot] = -1
-        self.things.id[slot], self.things.room[slot] = number, room
-        self.by_id[number] = self.by_slot[slot] = instance = Instance(number, slot, stamp_ns)
+        self.by_id[number] = instance = Instance(number, NOBODY, stamp_ns)
+        self._take_slot(instance)
+        self.things.room[instance.slot] = room
         return instance
 
     def remove(self, instance: Instance) -> None:
@@ -42,6 +41,48 @@ class Roster:
         del self.by_id[instance.id], self.by_slot[instance.slot]
         self.things.id[instance.slot] = 0
         self._free.append(instance.slot)
+
+    def retire(self, instance: Instance) -> None:
+        """Give the slot of an instance back, which claims nothing in the voxels now; ``recall`` it before it is used again."""
+        things, slot = self.things, instance.slot
+        dim, length = int(things.dim[slot]), max(float(things.length[slot]), 1e-9)
+        scalars = array("d", [getattr(things, name)[slot].item() for name in _SCALARS])
+        instance.numbers = Numbers(scalars, (things.mean[slot, :dim] / np.float32(length)).astype(np.float16))
+        del self.by_slot[slot]
+        things.id[slot] = 0
+        self._free.append(slot)
+        instance.slot = NOBODY
+
+    def recall(self, instance: Instance) -> None:
+        """Give an instance a slot again, with the numbers that it had; nothing when it has one."""
+        if instance.numbers is None:
+            return
+        kept, instance.numbers = instance.numbers, None
+        self._take_slot(instance)
+        slot = instance.slot
+        for name, value in zip(_SCALARS, kept.scalars, strict=True):
+            getattr(self.things, name)[slot] = value
+        self.things.mean[slot, : len(kept.mean)] = kept.mean.astype(np.float32) * self.things.length[slot]
+
+    def move(self, instance: Instance, room: int) -> bool:
+        """Note the room of an instance; whether it is another one than before."""
+        if instance.numbers is None:
+            before, self.things.room[instance.slot] = int(self.things.room[instance.slot]), room
+            return before != room
+        scalars, at = instance.numbers.scalars, _SCALARS.index("room")
+        before, scalars[at] = round(scalars[at]), room
+        return before != room
+
+    def _take_slot(self, instance: Instance) -> None:
+        if not self._free:
+            self._grow(2 * len(self.things.id), self.things.mean.shape[1])
+        slot = self._free.pop()
+        for numbers in self.things:
+            numbers[slot] = 0
+        self.things.column[slot] = NOBODY
+        self.things.id[slot] = instance.id
+        self.by_slot[slot] = instance
+        instance.slot = slot
 
     def rename(self, instance: Instance, new_id: int) -> None:
         """The instance goes on under another id, one that nobody has."""

@@ -23,6 +23,7 @@ from irsd.instances.voxels import (
 
 _LOAD = 2  # places of the table per row, at least
 _LAST_STAMP = 1 << 30
+_FEW = 0.05  # share of the rows from which on a new table is made when they go
 
 
 class VoxelMemory:
@@ -66,12 +67,16 @@ class VoxelMemory:
 
     def drop(self, rows: Rows) -> None:
         """Free rows: their keys are forgotten, their claims with them."""
-        drop_rows(self._table, self.cells, self.counts, self._free, rows)
+        few = len(rows) < _FEW * len(self)
+        drop_rows(self._table if few else self._table[:0], self.cells, self.counts, self._free, rows)
+        if not few:  # cheaper than closing so many gaps
+            self._table[:] = 0
+            refill(self._table, self.cells.key[: self.counts[0]])
 
-    def unpack(self, data: Bytes, block: int, frame: int) -> Opened:
+    def unpack(self, data: Bytes, slots: Rows, block: int, frame: int) -> Opened:
         """See ``pack.unpack_block``: rows again for the voxels of a packed block."""
         self._reserve(int(get(data, 0, 16)))
-        return unpack_block(data, block, self._table, self.cells, self.counts, self._free, frame, self.per_m)
+        return unpack_block(data, slots, block, self._table, self.cells, self.counts, self._free, frame, self.per_m)
 
     def _reserve(self, more: int) -> None:
         rows = int(self.counts[0]) + more  # as if nothing could be reused: no more than one growth too early

@@ -184,9 +184,10 @@ def take_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, keys: Ints, r
 
 @kernel
 def drop_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, rows: Rows) -> None:
-    """Free rows: their keys are forgotten, their claims with them."""
+    """Free rows: their keys are forgotten, their claims with them. An empty table is left alone: it is made anew."""
     for row in rows:
-        drop_key(table, cells.key, cells.key[row])
+        if len(table) > 0:
+            drop_key(table, cells.key, cells.key[row])
         cells.key[row] = EMPTY
         for c in range(CLAIMS):
             cells.owner[row, c] = NOBODY
