@@ -1,7 +1,7 @@
 """Drive the product's instance memory on a scene of lifted masks and print cost and quality.
 
     python benchmarks/fusion.py SCENE.npz [--out PRED.npz] [--method ours|irs] [--rooms off|serial]
-        [--instances N] [--collect-every K] [--set KEY=VALUE ...] [--tools DIR] [--json]
+        [--instances N [--memory]] [--collect-every K] [--set KEY=VALUE ...] [--tools DIR] [--json]
 
 SCENE.npz is a file of ``make_masks.py``: masks that are points already, so lifting plays no part. Frame by frame the masks go
 through ``InstanceMemory.observe``; every K frames changes are collected, as the pipeline does between graph deltas.
@@ -20,6 +20,7 @@ import json
 import resource
 import sys
 import time
+import tracemalloc
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -135,29 +136,31 @@ def write(path: Path, states: Sequence[InstanceState]) -> None:
 
 
 def growth(scene: Scene, arguments: argparse.Namespace) -> dict[str, Any]:
-    """us per mask of the last copy of the scene, in a memory of about N instances, and what a finished one adds to the memory."""
+    """us per mask of the last copy of the scene, in a memory of about N instances; with --memory, what a finished one adds instead."""
     memory = fusion.InstanceMemory(settings_of(arguments), embed)
     span = float(scene["rooms"][:, 2].max()) + 2.0
     per_scene = int((scene["gt_frames"] >= 3).sum())
     rooms = max(1, round(arguments.instances / per_scene * len(scene["rooms"])))
     copies = max(1, round(arguments.instances / per_scene))
-    rss, count = [rss_mb()], [0]
+    held, count = [], []
+    if arguments.memory:
+        tracemalloc.start()
     for k in range(copies):
         frames = list(frames_of(scene, k * span, rooms if copies == 1 else None))
-        observe_s, collect_s = drive(memory, frames, None, arguments.collect_every)
         masks = sum(len(lifted) for _, lifted in frames)
-        rss.append(rss_mb())
+        observe_s, collect_s = drive(memory, frames, None, arguments.collect_every)
+        del frames
+        held.append(tracemalloc.get_traced_memory()[0] / 1024)
         count.append(len(memory))
-    figures = {
+    if arguments.memory:  # the first half fills the arrays; from then on memory grows by what is finished
+        half = copies // 2 - 1
+        kb = (held[-1] - held[half]) / (count[-1] - count[half])
+        return {"instances": len(memory), "kb_per_finished_instance": round(kb, 2)}
+    return {
         "instances": len(memory),
         "us_per_mask": round(observe_s / masks * 1e6, 1),
         "us_per_mask_with_collecting": round((observe_s + collect_s) / masks * 1e6, 1),
-        "rss_added_mb": round(rss[-1] - rss[0], 1),
     }
-    if copies >= 4:  # the first half fills the arrays; from then on memory grows by what is finished
-        half = copies // 2
-        figures["kb_per_finished_instance"] = round((rss[-1] - rss[half]) * 1024 / (count[-1] - count[half]), 1)
-    return figures
 
 
 def run(scene: Scene, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -193,6 +196,9 @@ def main() -> int:
     parser.add_argument("--method", choices=("ours", "irs"), default="ours")
     parser.add_argument("--rooms", choices=("off", "serial"), default="off")
     parser.add_argument("--instances", type=int, default=0)
+    parser.add_argument(
+        "--memory", action="store_true", help="with --instances N >= 1000: kB that a finished instance adds"
+    )
     parser.add_argument("--collect-every", type=int, default=10, metavar="K")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of fusion")
     parser.add_argument("--tools", type=Path, default=HERE.parents[1] / "shared" / "tools" / "fusion")

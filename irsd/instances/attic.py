@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from irsd.instances.pack import find_resting, held, note_owned, pack_all, read_palette, resting_blocks
+from irsd.instances.blocks import find_resting, held, note_owned, resting_blocks
+from irsd.instances.pack import pack_all, read_palette
 from irsd.instances.record import Instance
 from irsd.instances.roster import Roster
 from irsd.instances.settle import Limits

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from test_memory import World, box, embed, two_rooms
 
 from irsd.core.types import InstanceState
+from irsd.instances.blocks import block_of, find_resting, key_at, place_in_block, resting_blocks
 from irsd.instances.memory import FusionSettings, InstanceMemory
-from irsd.instances.pack import block_of, find_resting, key_at, pack_all, place_in_block, read_palette, resting_blocks
+from irsd.instances.pack import pack_all, read_palette
 from irsd.instances.settle import Limits
 from irsd.instances.voxel_memory import VoxelMemory
 from irsd.instances.voxels import CLAIMS, MOST, NOBODY, enter_key, new_table, voxel_keys
