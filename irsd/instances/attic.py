@@ -11,13 +11,13 @@ import numpy as np
 
 from irsd.instances.blocks import find_resting, held, note_owned, resting_blocks
 from irsd.instances.pack import pack_all, read_palette
-from irsd.instances.record import Instance
+from irsd.instances.record import NO_ROWS, Instance
 from irsd.instances.roster import Roster
 from irsd.instances.settle import Limits
 from irsd.instances.voxel_memory import VoxelMemory
 from irsd.instances.voxels import EMPTY, Floats, drop_key, enter_key, find_key, new_table
 
-_OUTLINE = 16  # points that stand for a thing while not all of its voxels are there
+_OUTLINE = 12  # points that stand for a thing while not all of its voxels are there
 _PASSES = 4  # per time of rest
 
 
@@ -127,5 +127,5 @@ class Attic:
         instance.rows, instance.ascending = [held(cells, np.concatenate(instance.rows), instance.slot)], 0
         instance.owned = held(cells, instance.owned, instance.slot)
         if not len(instance.rows[0]):
-            instance.rows, instance.owned = [], instance.owned[:0].copy()
+            instance.rows, instance.owned = [], NO_ROWS
             self._roster.retire(instance)

@@ -155,6 +155,10 @@ class Probes(NamedTuple):
         """float32 [n, 3], to a millimetre."""
         return np.asarray(self.offset.astype(np.float32) + self.centre.astype(np.float32))
 
+    def half(self) -> Probes:
+        """Every second of them: enough for where it is and how large."""
+        return Probes(self.centre, self.offset[::2].copy())
+
 
 def probes_of(points: Floats) -> Probes:
     """Some of the points float32 [n, 3] of a thing."""
@@ -204,7 +208,7 @@ class _Looked:
         confirmed = share <= self.usual + _USUAL
         self.there = confirmed and self.thick_m >= _THICK_M
         if confirmed:
-            self.home = self.probes
+            self.home = self.probes.half()
 
     def sector(self, camera_m: NDArray[np.float64]) -> tuple[int, float]:
         """(direction, distance_m) of a camera at [3] as seen from the thing."""
@@ -267,7 +271,7 @@ class ChangeWatch:
         thick_m = _least_extent(probes.points)
         old = self._places.get(instance_id)
         if old is None:
-            self._places[instance_id] = _Looked(probes, thick_m, probes, existence)
+            self._places[instance_id] = _Looked(probes, thick_m, probes.half(), existence)
         else:
             old.probes, old.thick_m, old.existence = probes, thick_m, existence
 

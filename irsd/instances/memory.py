@@ -21,7 +21,7 @@ from irsd.instances.habits import Habits
 from irsd.instances.judge import Contact, Judge
 from irsd.instances.known import known_things
 from irsd.instances.lift import LiftedView
-from irsd.instances.record import Embed, Instance, Names
+from irsd.instances.record import NO_ROWS, Embed, Instance, Names
 from irsd.instances.rim import rim_weights
 from irsd.instances.room_prior import room_of, rooms_of_all
 from irsd.instances.roster import Roster
@@ -35,7 +35,6 @@ __all__ = ["FusionSettings", "InstanceMemory"]
 
 _RECENT = 5  # pictures within which a mask shows that a thing is there
 _CHECKED = 32  # unconfirmed instances looked at per collect
-NO_ROWS = np.zeros(0, np.int32)
 _RESTORED = 256  # stored instances whose voxels are in memory at a time
 
 

@@ -159,7 +159,7 @@ def put_row(
     n = 0
     for c in range(CLAIMS):
         n += cells.owner[row, c] >= 0
-    at = put(out, at, n, 3)
+    at = put(out, at, 1, 1) if n == 1 else put(out, at, 2 * n, 4)  # nearly all have one claim
     for c in range(CLAIMS):
         if cells.owner[row, c] >= 0:
             at = put(out, at, mark[cells.owner[row, c]], w.slot)
@@ -279,8 +279,9 @@ def unpack_block(
         cells.views[row] = get(data, at, w_views) + least_views
         at += w_views
         cells.mass[row] = 1 << get(data, at, 3)
-        count = get(data, at + 3, 3)
-        at += 6
+        at += 3
+        count = 1 if get(data, at, 1) == 1 else get(data, at + 1, 3)
+        at += 1 if count == 1 else 4
         for c in range(count):
             slots[r, c] = palette[get(data, at, w_slot)]
             at += w_slot

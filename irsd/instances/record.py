@@ -14,6 +14,7 @@ from irsd.instances.voxels import Floats, Rows
 
 Embed = Callable[[Sequence[str]], NDArray[np.float32]]
 
+NO_ROWS = np.zeros(0, np.int32)
 _VIEWS = 16
 _SAME_NAME = 0.98  # label vectors closer than this are one name in other words (aliases map to the same vector)
 
@@ -72,7 +73,7 @@ class Instance:
     name_score: dict[str, float] = field(default_factory=dict)
     rows: list[Rows] = field(default_factory=list)
     ascending: int = 0
-    owned: Rows = field(default_factory=lambda: np.zeros(0, np.int32))
+    owned: Rows = field(default_factory=lambda: NO_ROWS)
     published: bool = False
     moved: bool = False
     beside: dict[int, tuple[int, int]] = field(default_factory=dict)
