@@ -10,6 +10,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from irsd.core.errors import ConfigError, DecodeError
@@ -26,6 +27,10 @@ from irsd.sensors.watch import SensorWatch
 _log = logging.getLogger(__name__)
 
 _ARRIVALS_KEPT = 64
+# What one poll takes of the sensors that cost much to decode and to map: the rest stays in the ring, where it can still be dropped.
+_AT_A_TIME: Mapping[str, int] = MappingProxyType(
+    {"lidar": 1, "image": 1, "image_compressed": 1, "detections_ids": 2, "detections_info": 2}
+)
 _WATCH_PERIOD_NS = 250_000_000
 _NS_PER_S = 1_000_000_000
 
@@ -53,6 +58,9 @@ class IngestSettings:
     image_queue: int = setting(2, "pictures that may wait", lo=1, hi=100)
     odometry_queue: int = setting(1000, "poses that may wait", lo=1, hi=10000)
     detections_queue: int = setting(32, "detections that may wait", lo=1, hi=1000)
+    max_age_s: float = setting(
+        2.0, "sweeps, pictures and detections that waited longer are dropped where newer ones wait", lo=0.1, hi=60.0
+    )
     latched_queue: int = setting(32, "mountings and CameraInfo that may wait", lo=1, hi=1000)
 
 
@@ -153,6 +161,7 @@ class _Input(Ring[Sample]):
         super().__init__(topic.queue, wake)
         self.topic = topic
         self.rate = Rate()
+        self.stale = 0  # written by the thread that polls
 
     def put(self, item: Sample) -> None:
         self.rate.tick(item.received_ns / _NS_PER_S)
@@ -173,6 +182,7 @@ class Ingest:
         """watch: is shown every message that could be decoded. record: every message, before that is tried."""
         self._watch, self._record = watch, record
         self._watched_ns = 0
+        self._max_age_ns = round(settings.max_age_s * _NS_PER_S)
         self._decoder = SensorDecoder(settings)
         self._inputs = tuple(_Input(topic, wake) for topic in self._decoder.topics)
         self._arrivals: OrderedDict[int, int] = OrderedDict()
@@ -183,10 +193,14 @@ class Ingest:
             self._announce(session, settings)
 
     def poll(self) -> list[Sensed]:
-        """All that waits, decoded."""
+        """What waits, decoded: all poses and mountings, of what costs much a few at a time, and not what is too old."""
         out: list[Sensed] = []
+        oldest_ns = monotonic_ns() - self._max_age_ns
         for entry in self._inputs:
-            for sample in entry.drain():
+            most = _AT_A_TIME.get(entry.topic.kind)
+            if most is not None:
+                entry.stale += entry.drop_while(lambda sample: sample.received_ns < oldest_ns)
+            for sample in entry.drain(most):
                 if sample.deleted:
                     continue
                 if self._record is not None:
@@ -203,6 +217,11 @@ class Ingest:
             self._watched_ns = now_ns
             self._watch.refresh(now_ns)
         return out
+
+    @property
+    def more_waits(self) -> bool:
+        """Whether a poll would find something."""
+        return any(len(entry) for entry in self._inputs)
 
     def waiting(self) -> dict[str, int]:
         """Messages that wait to be decoded, by topic."""
@@ -221,8 +240,8 @@ class Ingest:
         return {entry.topic.name: self._state(entry, now_s) for entry in self._inputs}
 
     def counters(self) -> dict[str, int]:
-        """What was lost before the synchroniser: wrong bytes, overflowing rings, lone halves."""
-        dropped = {f"{entry.topic.name}.dropped": entry.dropped for entry in self._inputs}
+        """What was lost before the synchroniser: wrong bytes, overflowing rings, what waited too long, lone halves."""
+        dropped = {f"{entry.topic.name}.dropped": entry.dropped + entry.stale for entry in self._inputs}
         return {**self._decoder.counters(), **dropped}
 
     def close(self) -> None:
@@ -280,7 +299,7 @@ class Ingest:
             "decoded": count.decoded,
             "bad": count.bad,
             "bad_run": count.bad_run,
-            "dropped": entry.dropped,
+            "dropped": entry.dropped + entry.stale,
             "last_error": count.last_error,
             "age_s": None if age_s is None else round(age_s, 2),
         }

@@ -255,7 +255,7 @@ class MapLoop:
                 counts=self._pipeline.counters(),
             )
         )
-        return bool(sensed)
+        return bool(sensed) or self._ingest.more_waits
 
     def _admitted(self, frame: SyncedFrame) -> list[SyncedFrame]:
         """The frames that may go into the map, which may be a stored one."""

@@ -1,7 +1,7 @@
 """The only threads, queues and locks of irsd: bounded rings, a mailbox, workers, a pool, counters and clocks.
 
-Everything here is bounded, and every item that is thrown away is counted. Nobody else may import ``threading``, ``queue``
-or ``concurrent.futures``. Lock order: none of these objects calls foreign code while it holds its lock, so there is none.
+Everything here is bounded, every item that is thrown away is counted, and nobody else may import ``threading``, ``queue`` or
+``concurrent.futures``. Lock order: none; what is called under a ring's lock (``drop_while``) only looks at an item.
 """
 
 from __future__ import annotations
@@ -94,23 +94,24 @@ class Ring(Generic[T]):
     def get(self, timeout_s: float | None = None) -> T | None:
         """The oldest item, or None when none came in time. timeout_s: None waits for ever, 0 does not wait."""
         with self._condition:
-            if not self._condition.wait_for(lambda: bool(self._items), timeout_s):
-                return None
-            return self._items.popleft()
+            return self._items.popleft() if self._condition.wait_for(lambda: bool(self._items), timeout_s) else None
 
-    def drain(self) -> list[T]:
-        """All items, oldest first, at once."""
+    def drain(self, most: int | None = None) -> list[T]:
+        """All items, or the oldest ``most`` of them, oldest first, at once."""
         with self._condition:
-            items = list(self._items)
-            self._items.clear()
-            return items
+            return [self._items.popleft() for _ in range(min(len(self._items), most or len(self._items)))]
+
+    def drop_while(self, condition: Callable[[T], bool]) -> int:
+        """Takes the oldest items away for as long as they fulfil a condition, but never the newest; how many."""
+        dropped = 0
+        with self._condition:
+            while len(self._items) > 1 and condition(self._items[0]):
+                self._items.popleft()
+                dropped += 1
+        return dropped
 
     def __len__(self) -> int:
         return len(self._items)
-
-    @property
-    def capacity(self) -> int:
-        return self._capacity
 
     @property
     def received(self) -> int:

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.core.geometry import Pose, invert, pose_from_xy_yaw, transform, yaw_of
+from irsd.core.geometry import Pose, pose_from_xy_yaw, transform, yaw_of
 from irsd.core.settings import setting
 from irsd.core.types import CameraView, Localisation, SyncedFrame
-from irsd.mapping.registration import LEVER_M, Alignment, Reach, align
+from irsd.mapping.registration import Alignment, Reach, align
+from irsd.mapping.trust import OdometryTrust, size_m
 from irsd.mapping.voxels import VoxelMap
 
 _FADE = 0.95  # of the squared deviations, per sweep: the last 20 sweeps
@@ -44,7 +45,16 @@ class LocaliseSettings:
     min_fit: float = setting(
         0.5, "mean weight of those points, 1 = all on their planes, below which the match is bad", lo=0.0, hi=1.0
     )
-    drift: float = setting(0.01, "share of its way by which the odometry may be off, as one sigma", lo=0.001, hi=0.5)
+    drifts_from: float = setting(
+        0.002,
+        "share of its way from which the odometry counts as drifting, and every sweep corrects it; below, only what is surely off is "
+        "put right",
+        lo=0.0,
+        hi=0.1,
+    )
+    drift: float = setting(
+        0.01, "share of its way by which an odometry that drifts may be off, as one sigma", lo=0.001, hi=0.5
+    )
     match_m: float = setting(
         0.01, "by how much one sweep's place on the map may be off, as one sigma", lo=0.001, hi=0.2
     )
@@ -62,8 +72,7 @@ class Localiser:
         self._settings = settings
         self._x_m, self._y_m, self._yaw_rad, self._z_m = 0.0, 0.0, 0.0, 0.0
         self._deviation_m = _FIRST_DEVIATION_M
-        self._variance_m2 = 0.0  # the map starts as the odometry's frame
-        self._last: Pose | None = None
+        self._trust = OdometryTrust(drift=settings.drift, match_m=settings.match_m, drifts_from=settings.drifts_from)
         self._turn = 0
         self._state = "odometry" if settings.enabled else "off"
         self._counters = dict.fromkeys(("matched", "thin", "bad_fit", "too_far", "degenerate"), 0)
@@ -77,17 +86,19 @@ class Localiser:
         """Where the odometry's frame lies in a stored map, as far as its stored walls tell."""
         self._x_m, self._y_m, self._z_m = map(float, map_T_odom[:3, 3])
         self._yaw_rad = yaw_of(map_T_odom)
-        self._deviation_m, self._variance_m2 = _FIRST_DEVIATION_M, _FIRST_DEVIATION_M**2
+        self._deviation_m = _FIRST_DEVIATION_M
+        self._trust.begin_at(self.map_T_odom)
 
     def place(self, frame: SyncedFrame, voxels: VoxelMap) -> tuple[SyncedFrame, Localisation]:
         """A frame of the synchroniser, which is in the odometry's frame, laid in the map; and where that has put the robot."""
-        predicted = moved(frame, self.map_T_odom)
-        self._drift_on(frame.map_T_base)
+        before = self.map_T_odom
+        predicted = moved(frame, before)
+        self._trust.follow(frame.map_T_base, before)
         if self._settings.enabled and voxels.slot_count and len(frame.scan.points_map):
             found = self._match(predicted, voxels)
             self._state = "odometry" if found is None else "map"
             if found is not None:
-                self._move(self._trusted(found) * found, predicted.map_T_base[:2, 3])
+                self._move(self._trust.part_of(found, before), predicted.map_T_base[:2, 3])
                 predicted = moved(frame, self.map_T_odom)
         where = Localisation(frame.stamp_ns, frame.odom_frame, self.map_T_odom, predicted.map_T_base, self._state)
         return predicted, where
@@ -118,25 +129,8 @@ class Localiser:
             )  # the longer without, the farther it may be off
             return None
         self._counters["degenerate"] += found.free < 3
-        self._deviation_m = float(np.sqrt(_FADE * self._deviation_m**2 + (1 - _FADE) * _size_m(found.move) ** 2))
+        self._deviation_m = float(np.sqrt(_FADE * self._deviation_m**2 + (1 - _FADE) * size_m(found.move) ** 2))
         return found.move
-
-    def _drift_on(self, odom_T_base: Pose) -> None:
-        """The odometry has gone on: its place in the map is known less well by a share of the way."""
-        if self._last is not None:
-            step = invert(self._last) @ odom_T_base
-            way_m = _size_m(np.array([step[0, 3], step[1, 3], yaw_of(step)]))
-            self._variance_m2 += (self._settings.drift * way_m) ** 2
-        self._last = odom_T_base
-
-    def _trusted(self, move: NDArray[np.float64]) -> float:
-        """The share of a move that is made: a scalar Kalman gain. One that is beyond three sigma shows that odometry was off by it."""
-        noise_m2, size_m2 = self._settings.match_m**2, _size_m(move) ** 2
-        if size_m2 > 9 * (self._variance_m2 + noise_m2):
-            self._variance_m2 = size_m2
-        gain = self._variance_m2 / (self._variance_m2 + noise_m2)
-        self._variance_m2 *= 1 - gain
-        return gain
 
     def _judge(self, found: Alignment, least: int) -> str:
         if found.matched < least or not found.free:
@@ -153,11 +147,6 @@ class Localiser:
         self._x_m = float(pivot_xy[0] + move[0]) + c * x - s * y
         self._y_m = float(pivot_xy[1] + move[1]) + s * x + c * y
         self._yaw_rad += float(move[2])
-
-
-def _size_m(move: NDArray[np.float64]) -> float:
-    """How far a move (x, y, yaw) takes a point LEVER_M off, at most."""
-    return float(np.hypot(move[0], move[1]) + 2 * LEVER_M * abs(np.sin(move[2] / 2)))
 
 
 def moved(frame: SyncedFrame, parent_T_frame: Pose) -> SyncedFrame:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -109,12 +110,36 @@ def test_wrong_bytes_are_counted_named_and_dropped(pair: tuple[Session, Session]
     assert until(three_arrive)
     robot.put("tf_static", encode_tf([MOUNT]), encoding=CDR)  # comes after all that is still on its way
     assert until(lambda: received(ingest, "/tf_static") == 1)
-    assert [type(one) for one in ingest.poll()] == [StaticTransform]
+    assert [[type(one) for one in ingest.poll()] for _ in range(2)] == [[StaticTransform], []]
     state = ingest.sensors(monotonic_s())["/lidar/points"]
     assert (state["bad"], state["decoded"]) == (2, 0)
     assert state["dropped"] == state["received"] - 2
     assert "PointCloud2" in state["last_error"]
     assert ingest.counters()["/lidar/points.bad"] == 2
+
+
+def test_behind_its_sensors_it_takes_a_sweep_at_a_time_and_drops_what_is_too_old(pair: tuple[Session, Session]) -> None:
+    ours, theirs = pair
+    ingest = Ingest(ours, IngestSettings(max_age_s=0.3), Event(), SensorWatch(WatchSettings()))
+    for number in range(4):
+        theirs.put("lidar/points", encode_pointcloud2(replace(SCAN, stamp_ns=number)), encoding=CDR)
+        theirs.put("odom", encode_odometry(replace(POSE, stamp_ns=number)), encoding=CDR)
+    end_s = monotonic_s() + WAIT_S
+    while sum(ingest.waiting().values()) < 8:
+        assert monotonic_s() < end_s
+        sleep_s(0.01)
+    sleep_s(0.4)
+    for number in (4, 5):
+        theirs.put("lidar/points", encode_pointcloud2(replace(SCAN, stamp_ns=number)), encoding=CDR)
+    while ingest.waiting()["/lidar/points"] < 6:
+        assert monotonic_s() < end_s
+        sleep_s(0.01)
+    polls = [ingest.poll() for _ in range(3)]
+    assert [[each.stamp_ns for each in poll if isinstance(each, LidarScan)] for poll in polls] == [[4], [5], []]
+    assert sum(isinstance(each, OdomSample) for each in polls[0]) == 4  # a pose costs nothing and is never too old
+    assert ingest.counters()["/lidar/points.dropped"] == 4
+    assert not ingest.more_waits
+    ingest.close()
 
 
 def test_ros_sees_our_subscriptions(pair: tuple[Session, Session]) -> None:

@@ -8,47 +8,19 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from bay_room import scan_of
 from daemon_here import free_endpoint, running
+from sensing_robot import SensingRobot
 
 from irsd.config import IrsdConfig, StoreSettings
-from irsd.core.geometry import Pose, invert, pose_from_xy_yaw
-from irsd.core.runtime import monotonic_s, sleep_s
-from irsd.core.types import LidarScan, OdomSample, StaticTransform
+from irsd.core.geometry import invert, pose_from_xy_yaw
+from irsd.core.runtime import monotonic_s
 from irsd.io.keys import RobotKeys
 from irsd.io.localisation import MapFrame
-from irsd.io.session import CDR, Session
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.settings import PerceptionSettings
-from irsd.sensors.encode import encode_odometry, encode_pointcloud2, encode_tf
 
 KEYS = RobotKeys("tester")
 WAIT_S = 60.0
-
-
-class Robot:
-    """Stands in a room and publishes what it senses; its odometry may begin anew at any time."""
-
-    def __init__(self, session: Session) -> None:
-        self._session, self._tick = session, 0
-        tf_static = session.history_publisher("tf_static", encoding=CDR, keep=1)
-        mount = pose_from_xy_yaw(0.0, 0.0, 0.0, 1.0)
-        tf_static.put(encode_tf([StaticTransform("base_link", "lidar", mount)]))
-
-    def sense(self, map_T_base: Pose, odom_T_base: Pose) -> None:
-        """A tenth of a second."""
-        x_m, y_m = map_T_base[:2, 3].tolist()
-        points = (scan_of(x_m, y_m) - np.array([x_m, y_m, 1.0])) @ map_T_base[:3, :3]
-        yaw = float(np.arctan2(odom_T_base[1, 0], odom_T_base[0, 0]))
-        turn = np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)])
-        for part in range(5):
-            stamp_ns = self._tick * 100_000_000 + part * 20_000_000
-            pose = OdomSample(stamp_ns, "odom", "base_link", odom_T_base[:3, 3], turn)
-            self._session.put("odom", encode_odometry(pose), encoding=CDR)
-        scan = LidarScan(self._tick * 100_000_000, "lidar", points.astype(np.float32), None)
-        self._session.put("lidar/points", encode_pointcloud2(scan), encoding=CDR)
-        self._tick += 1
-        sleep_s(0.03)
 
 
 def test_a_robot_that_was_carried_off_is_found(tmp_path: Path) -> None:
@@ -57,7 +29,7 @@ def test_a_robot_that_was_carried_off_is_found(tmp_path: Path) -> None:
     )
     endpoint = free_endpoint()
     with running(config, LabelEncoder.load(), endpoint) as (_, session):
-        robot, frame = Robot(session), MapFrame(session, KEYS)
+        robot, frame = SensingRobot(session), MapFrame(session, KEYS)
         began_s = monotonic_s()
         for n in range(4000):
             place = pose_from_xy_yaw(1.5 * np.sin(0.05 * n), -0.5, 0.1)

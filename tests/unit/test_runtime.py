@@ -40,6 +40,15 @@ def test_ring_drops_the_oldest_and_counts() -> None:
     assert (ring.received, ring.dropped, len(ring)) == (10, 7, 3)
     assert ring.get() == 7
     assert ring.drain() == [8, 9]
+    for item in (1, 2, 3):
+        ring.put(item)
+    assert ring.drain(2) == [1, 2]
+    assert ring.drain(2) == [3]
+    for item in (1, 2, 3):
+        ring.put(item)
+    assert ring.drop_while(lambda item: item < 3) == 2
+    assert ring.drop_while(lambda item: item < 9) == 0  # the newest stays
+    assert ring.drain() == [3]
 
 
 def test_ring_needs_room() -> None:
