@@ -24,12 +24,13 @@ _BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0)
 
 class Case(NamedTuple):
     """A candidate that an answer gave. chosen: the robot would have set off to it; meant: how far the sentence means it, 1 / k of k
-    that it fits."""
+    that it fits. by_chance: named by irsd's own eyes."""
 
     evidence: float
     score: float
     chosen: bool
     meant: float
+    by_chance: bool
 
 
 def calibrate(seeds: Iterable[int], folders: Iterable[Path], truth: Path, cache: Path) -> str:
@@ -73,7 +74,7 @@ def _cases(resolution: Resolution, sentence: Sentence, building: Known) -> list[
     fits = [building.true_of.get(c.instance) in sentence.accept for c in given]
     # Of several that the sentence fits it means one, and each is as likely as the others.
     share = 1.0 / max(1, sum(fits)) if not chosen else 1.0
-    return [Case(c.evidence, c.score, chosen, share * fit) for c, fit in zip(given, fits, strict=True)]
+    return [Case(c.evidence, c.score, chosen, share * fit, c.by_chance) for c, fit in zip(given, fits, strict=True)]
 
 
 def _verdict(resolution: Resolution, sentence: Sentence, building: Known) -> str:
@@ -111,9 +112,13 @@ def _curve(cases: list[Case]) -> list[str]:
 
 
 def _fit(cases: list[Case]) -> list[str]:
-    chosen = [c for c in cases if c.chosen]
-    steps = isotonic(np.array([c.evidence for c in chosen]), np.array([c.meant for c in chosen], np.float64))
-    rows = ["| evidence | answers | meant |", "| --- | --- | --- |"]
-    return ["Fitted anew on the answers with one target (`CURVE` of `nav_bridge/calibration.py`):", "", *rows] + [
-        f"| {evidence:.3f} | {count} | {share:.3f} |" for evidence, share, count in steps
-    ]
+    rows = []
+    for by_chance, curve in ((False, "CURVE"), (True, "CURVE_OF_CHANCES")):
+        chosen = [c for c in cases if c.chosen and c.by_chance == by_chance]
+        if not chosen:
+            continue
+        steps = isotonic(np.array([c.evidence for c in chosen]), np.array([c.meant for c in chosen], np.float64))
+        rows += [f"Fitted anew on the answers with one target (`{curve}` of `nav_bridge/calibration.py`):", ""]
+        rows += ["| evidence | answers | meant |", "| --- | --- | --- |"]
+        rows += [f"| {evidence:.3f} | {count} | {share:.3f} |" for evidence, share, count in steps]
+    return rows

@@ -1,7 +1,9 @@
 """From evidence to chance: how often a candidate of this much evidence, left alone or chosen, is the one that was meant.
 
-The evidence of a candidate is a product of grades and no probability; this curve makes it one. It is fitted (isotonic regression,
-pool adjacent violators) on the sentences of ``benchmarks/goto.py --calibrate``; docs/calibration.md has the table and the data.
+The evidence of a candidate is a product of grades and no probability; a curve makes it one. There are two, because a detector's
+labels are shares of many votes, of which the most is nearly always right, and those of irsd's own eyes are chances already. Both
+are fitted (isotonic regression, pool adjacent violators) on the sentences of ``benchmarks/goto.py --calibrate``;
+docs/calibration.md has the tables.
 """
 
 from __future__ import annotations
@@ -18,13 +20,21 @@ from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Re
 CURVE: tuple[tuple[float, float], ...] = (
     (0.0, 0.0), (0.451, 0.879), (0.651, 0.976), (0.768, 0.978), (0.808, 0.986), (0.854, 0.991), (0.901, 0.995), (1.0, 0.995),
 )  # fmt: skip
+CURVE_OF_CHANCES: tuple[tuple[float, float], ...] = (
+    (0.0, 0.0), (0.286, 0.222), (0.462, 0.408), (0.557, 0.42), (0.631, 0.528), (0.719, 0.616), (0.884, 0.904), (1.0, 0.95),
+)  # fmt: skip
 _UNSURE = 0.5  # what a chance is worth where the sentence speaks of something that is not known here
 
 
-def chance(evidence: float) -> float:
-    """0..1: how often candidates of this evidence are meant."""
-    knots = np.array(CURVE)
+def chance(evidence: float, by_chance: bool = False) -> float:
+    """0..1: how often candidates of this evidence are meant; by_chance: whose labels are chances, not votes."""
+    knots = np.array(CURVE_OF_CHANCES if by_chance else CURVE)
     return float(np.interp(evidence, knots[:, 0], knots[:, 1]))
+
+
+def chance_of(candidate: Candidate) -> float:
+    """0..1: how often candidates like this one, left alone or chosen, are meant."""
+    return chance(candidate.evidence, candidate.by_chance)
 
 
 def with_chances(resolution: Resolution, *, doubt: bool = False) -> Resolution:
@@ -44,16 +54,14 @@ def with_chances(resolution: Resolution, *, doubt: bool = False) -> Resolution:
             considered=_same(resolution.considered, (target, *alternates)),
         )
     weight = _UNSURE if doubt else 1.0
-    most = max((c.evidence for c in resolution.candidates), default=0.0)
+    most = max((chance_of(c) for c in resolution.candidates), default=0.0)
     total = max(sum(c.evidence for c in resolution.candidates), 1e-9)
-    shared = tuple(
-        replace(c, score=round(weight * chance(most) * c.evidence / total, 3)) for c in resolution.candidates
-    )
+    shared = tuple(replace(c, score=round(weight * most * c.evidence / total, 3)) for c in resolution.candidates)
     return Ambiguous(shared, resolution.question, _same(resolution.considered, shared))
 
 
 def _scored(candidate: Candidate, weight: float) -> Candidate:
-    return replace(candidate, score=round(weight * chance(candidate.evidence), 3))
+    return replace(candidate, score=round(weight * chance_of(candidate), 3))
 
 
 def _same(considered: Sequence[Candidate], scored: Sequence[Candidate]) -> tuple[Candidate, ...]:

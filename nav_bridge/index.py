@@ -21,10 +21,11 @@ _MAX_NAMES = 16384  # labels come from outside: beyond this many the table of na
 class Index:
     """The things of one graph; row k is graph.instances[k].
 
-    boxes: their upright boxes. exists: float64 [N], 0 for what is gone. observations, points: int64 [N]. volume_m3: float64 [N].
-    room: intp [N], row of the thing's room in graph.rooms, -1 for none. names: every label that occurs (and some that did);
-    begin: intp [N + 1]: the labels of row k are name[begin[k] : begin[k + 1]] (intp, into names), best first, with their share of
-    what was said, share (float64, sums to 1 per thing). members: rows of the things that exist, per room id.
+    boxes: their upright boxes. exists: float64 [N], 0 for what is gone. chances: bool [N], scores of labels are chances and no votes.
+    observations, points: int64 [N]. volume_m3: float64 [N]. room: intp [N], row of the thing's room in graph.rooms, -1 for none.
+    names: every label that occurs (and some that did); begin: intp [N + 1]: the labels of row k are name[begin[k] : begin[k + 1]]
+    (intp, into names), best first, with their share of what was said, share (float64, sums to 1 per thing). members: rows of the
+    things that exist, per room id.
     """
 
     graph: GraphSnapshot
@@ -32,6 +33,7 @@ class Index:
     rooms: Mapping[str, int]
     boxes: Boxes
     exists: NDArray[np.float64]
+    chances: NDArray[np.bool_]
     observations: NDArray[np.int64]
     points: NDArray[np.int64]
     volume_m3: NDArray[np.float64]
@@ -88,6 +90,7 @@ def index_of(graph: GraphSnapshot, last: Index | None = None) -> Index:
         rooms=rooms,
         boxes=Boxes(columns[:, 0:3], columns[:, 3:6], columns[:, 6]),
         exists=exists,
+        chances=columns[:, 11] > 0,
         observations=columns[:, 8].astype(np.int64),
         points=columns[:, 9].astype(np.int64),
         volume_m3=columns[:, 10],
@@ -101,7 +104,7 @@ def index_of(graph: GraphSnapshot, last: Index | None = None) -> Index:
 
 
 Labels = list[tuple[NDArray[np.intp], NDArray[np.float64]]]
-_COLUMNS = 11
+_COLUMNS = 12
 
 
 def _read(nodes: list[InstanceNode], names: dict[str, int]) -> tuple[NDArray[np.float64], Labels]:
@@ -112,7 +115,7 @@ def _read(nodes: list[InstanceNode], names: dict[str, int]) -> tuple[NDArray[np.
         exists = 0.0 if node.state == "gone" else node.existence
         columns[row] = (
             *node.obb_center_m, *node.obb_size_m, node.obb_yaw_rad, exists,
-            node.observations, node.point_count, node.volume_m3,
+            node.observations, node.point_count, node.volume_m3, node.score_kind == "chances",
         )  # fmt: skip
         said = [(name, score) for name, score in node.labels if score > 0] or [(node.label, 1.0)]
         total = sum(score for _, score in said)
@@ -127,7 +130,7 @@ def _merged(
     """Columns and labels of all things: those with a source >= 0 from the last index, the others as read."""
     old = np.c_[
         last.boxes.center_m, last.boxes.size_m, last.boxes.yaw_rad,
-        last.exists, last.observations, last.points, last.volume_m3,
+        last.exists, last.observations, last.points, last.volume_m3, last.chances,
     ]  # fmt: skip
     out = np.empty((len(source), _COLUMNS))
     kept = source >= 0

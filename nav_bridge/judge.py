@@ -76,7 +76,8 @@ class Cases:
         node = self.index.graph.instances[self.rows[k]]
         evidence = round(min(1.0, float(self.score[k])), 3)
         notes = tuple(filter(None, (note(k) for note in self.notes)))
-        return Candidate(node.id, node.label, node.room, 0.0, notes, self.why_out(k), evidence=evidence)
+        own = bool(self.index.chances[self.rows[k]])
+        return Candidate(node.id, node.label, node.room, 0.0, notes, self.why_out(k), evidence=evidence, by_chance=own)
 
 
 # --------------------------------------------------------------------------------------------------------------- names

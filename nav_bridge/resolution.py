@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class Candidate:
     """A node that was considered. instance: its id, that of a room where the goal is a room; score: chance, 0..1, that it is
     the one meant. evidence: what its labels, attributes, room and relations make together, 0..1. rejected: why it is out, "" when it
-    is not. answer: what to say to mean this one of several, "" where that is not asked."""
+    is not. answer: what to say to mean this one of several, "" where that is not asked. by_chance: its labels are
+    chances of irsd's own eyes, not votes of a detector."""
 
     instance: str
     label: str
@@ -19,6 +20,7 @@ class Candidate:
     rejected: str = ""
     answer: str = ""
     evidence: float = 0.0
+    by_chance: bool = False
 
     @property
     def is_room(self) -> bool:

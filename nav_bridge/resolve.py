@@ -15,7 +15,7 @@ import numpy as np
 from irsd.core.settings import setting
 from irsd.graph.model import GraphSnapshot
 from nav_bridge import relations as rel
-from nav_bridge.calibration import chance, with_chances
+from nav_bridge.calibration import chance_of, with_chances
 from nav_bridge.evidence import Knowledge
 from nav_bridge.goal import GoalSpec
 from nav_bridge.judge import Cases, Eye, Rows, by_relation, by_rooms, named
@@ -40,7 +40,7 @@ class ResolveSettings:
         0.6, "a candidate with this share of the best score can't be ruled out", lo=0.0, hi=1.0
     )
     min_chance: float = setting(
-        0.73, "chance of being the one meant from which the robot sets off; below it asks", lo=0.0, hi=1.0
+        0.5, "chance of being the one meant from which the robot sets off; below it asks", lo=0.0, hi=1.0
     )
     min_existence: float = setting(0.2, "instances whose existence is less certain are not considered", lo=0.0, hi=1.0)
     max_candidates: int = setting(12, "how many candidates an answer lists", lo=1, hi=1000)
@@ -86,7 +86,7 @@ def resolve(
     if len(ordered) == 1 or _chosen(spec):
         target = cases.candidate(int(ordered[spec.rank - 1]))
         alternates = tuple(c for c in best if c.instance != target.instance) if spec.choice == "any" else ()
-        if chance(target.evidence) >= s.min_chance:
+        if chance_of(target) >= s.min_chance:
             return with_chances(Resolved(target, alternates, considered))
         asked = tuple(replace(candidate, answer=candidate.instance) for candidate in best)
         return with_chances(Ambiguous(asked, f"it is not sure that this is the {what}; is it meant?", considered))

@@ -66,6 +66,7 @@ instances = st.builds(
     state=st.sampled_from(["present", "moved", "gone"]),
     first_seen_ns=stamp,
     last_seen_ns=stamp,
+    score_kind=st.sampled_from(["votes", "chances"]),
 )
 buildings = st.builds(BuildingNode, id=st.just("B0"), name=text, rooms=some(ids("R")))
 deltas = st.builds(

@@ -21,11 +21,16 @@ from irsd.mapping.mapper import Mapper, MappingSettings
 from irsd.mapping.voxels import VoxelSettings
 from irsd.sim.raycast import RayScene
 from training import sweethome
+from training.furniture import seating
 from training.furniture.collection import draw
 from training.furniture.solids import Triangles, turn
 from training.house import Opening, Rect, Rng, Room, Shell, make_shell
 
 MAX_TRIANGLES = 25_000  # of one catalogue model
+_TABLES = frozenset(
+    {"dining table", "desk", "workbench", "conference table", "console table"}
+)  # with chairs pushed under
+_PITCH_M = 0.65  # from chair to chair along a table
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +74,8 @@ class _Furnisher:
         self.boxes: list[tuple[Rect, float, float]] = []  # plan box, lowest and highest z
         self._tops: list[tuple[Rect, float]] = []
 
-    def place(self, room: Room, thing: Thing) -> None:
-        """Finds a place that fits, or gives up."""
+    def place(self, room: Room, thing: Thing) -> bool:
+        """Finds a place that fits, or gives up: False."""
         rng = self._rng
         solid = thing.triangles * rng.uniform(0.9, 1.1, 3).astype(np.float32)
         size = np.ptp(solid.reshape(-1, 3), axis=0)
@@ -108,7 +113,44 @@ class _Furnisher:
             self.boxes.append((rect, float(low[2]), float(high[2])))
             if thing.mount == "floor" and 0.3 < high[2] < 1.5:
                 self._tops.append((rect, float(high[2])))
-            return
+            return True
+        return False
+
+    def tuck(self, room: Room) -> None:
+        """Chairs round the table that was placed last, pushed under it more or less: in a map they are hardly apart."""
+        rng, ((x0, y0, x1, y1), _, _) = self._rng, self.boxes[-1]
+        maker = seating.MAKERS[int(rng.integers(3))][0] if rng.random() < 0.3 else seating.chair
+        sides = (
+            (x1, y0, y1, True, np.pi),
+            (x0, y0, y1, True, 0.0),
+            (y1, x0, x1, False, -np.pi / 2),
+            (y0, x0, x1, False, np.pi / 2),
+        )
+        for k, (edge, a, b, upright, yaw) in enumerate(sides):
+            if rng.random() < 0.35:
+                continue
+            for along in np.arange(a + _PITCH_M / 2, b - 0.2, _PITCH_M):
+                out = float(rng.uniform(0.02, 0.4)) * (1 if k % 2 == 0 else -1)
+                at = np.float32([edge + out, along, 0.0] if upright else [along, edge + out, 0.0])
+                model = maker(rng)
+                self._add(room, model.name, turn(model.triangles(), yaw + float(rng.normal(0, 0.1))) + at)
+
+    def _add(self, room: Room, name: str, solid: Triangles) -> None:
+        """A thing where it is, if that is within the room and in nothing but a table."""
+        corners = solid.reshape(-1, 3)
+        low, high = corners.min(0), corners.max(0)
+        rect = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        x0, y0, x1, y1 = room.rect
+        inside = rect[0] > x0 and rect[1] > y0 and rect[2] < x1 and rect[3] < y1
+        others = [box for box, name in zip(self.boxes, self.names, strict=True) if name not in _TABLES]
+        clash = any(
+            rect[0] < r[2] and r[0] < rect[2] and rect[1] < r[3] and r[1] < rect[3] and low[2] < t and b < high[2]
+            for r, b, t in others
+        )
+        if inside and not clash and not any(_before(rect, o) for o in self._shell.openings if o.kind == "door"):
+            self.solids.append(solid)
+            self.names.append(name)
+            self.boxes.append((rect, float(low[2]), float(high[2])))
 
     def _guess(self, room: Room, thing: Thing, solid: Triangles) -> tuple[float, float, float, float]:
         """yaw, x, y, z of a place where such things are."""
@@ -156,7 +198,8 @@ def make_scene(rng: Rng, catalogue: list[tuple[sweethome.Entry, Triangles]], sha
         for thing in sorted(
             things, key=lambda t: (t.mount == "top", -float(np.ptp(t.triangles[..., :2].reshape(-1, 2), axis=0).prod()))
         ):
-            furnisher.place(room, thing)
+            if furnisher.place(room, thing) and thing.name in _TABLES and rng.random() < 0.7:
+                furnisher.tuck(room)
     counts = [len(s) for s in furnisher.solids]
     shell_triangles, shell_class = np.concatenate(shell.solids), np.concatenate(shell.classes)
     number = np.repeat(np.arange(1, len(counts) + 1, dtype=np.int32), counts)

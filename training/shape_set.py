@@ -3,7 +3,7 @@
 python -m training.shape_set --scenes DIR --singles A.npz --seed 1 --out rows.npz
 
 Of every thing several clouds: whole; and as masks and clusters in the product are: cut off, thinned, with bled edges, with a part of a
-neighbour. Beside them clouds that nobody can name: pieces of walls, halves of two things. Those are called ``object``.
+neighbour, with what stands on it or is pushed under it. All stand on the floor as ``shape.grounded`` has it. Beside them clouds that nobody can name: pieces of walls, halves of two things. Those are called ``object``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from irsd.core.types import Structure
-from irsd.perception.shape import UNKNOWN, features
+from irsd.perception.shape import UNKNOWN, features, grounded
 
 LEAST, MOST = 6, 6000
 Cloud = NDArray[np.float32]
@@ -42,6 +42,8 @@ def clouds_of(path: Path, rng: Rng, variants: int) -> Iterator[tuple[Cloud, str]
         yield points[kept], name
         for _ in range(variants):
             cloud = _worn(points[kept], rng)
+            if rng.random() < 0.4:
+                cloud = _swallowed(cloud, points[loose], instance[loose], number, rng)
             if rng.random() < 0.6:
                 cloud = _bled(cloud, points[loose], tree, rng)
             if LEAST <= len(cloud) <= MOST:
@@ -85,6 +87,20 @@ def _bled(cloud: Cloud, around: Cloud, tree: cKDTree, rng: Rng) -> Cloud:
     return np.unique(np.concatenate([cloud, around[near]]), axis=0)
 
 
+def _swallowed(cloud: Cloud, around: Cloud, owner: NDArray[np.int16], own: int, rng: Rng) -> Cloud:
+    """With other things that stand on it or under it: chairs and their table, dishes, pillows. It stays most of the cloud."""
+    if len(cloud) < 30:
+        return cloud
+    low, high = cloud.min(0) - np.float32([0.08, 0.08, 0.05]), cloud.max(0) + np.float32([0.08, 0.08, 0.3])
+    inside = ((around > low) & (around < high)).all(1) & (owner != own) & (owner > 0)
+    others = np.unique(owner[inside])
+    taken = inside & np.isin(owner, others[rng.random(len(others)) < 0.7])
+    rows = np.flatnonzero(taken)
+    most = int(0.8 * len(cloud))
+    rows = rows if len(rows) <= most else rng.choice(rows, most, replace=False)
+    return np.concatenate([cloud, around[rows]])
+
+
 def _coarser(cloud: Cloud, rng: Rng) -> Cloud:
     """As in a map of larger voxels, sometimes."""
     if rng.random() < 0.6:
@@ -102,9 +118,9 @@ def _unknown(
             continue
         rows = np.flatnonzero((truth == kind) & loose)
         rows = rows if len(rows) > 30 else np.flatnonzero(truth == kind)
-        for _ in range(2 if len(rows) > 30 else 0):
+        for _ in range(4 if len(rows) > 30 else 0):
             centre = points[rng.choice(rows)]
-            mine = rows[np.linalg.norm((points[rows] - centre) * (1, 1, 0.5), axis=1) < rng.uniform(0.15, 0.9)]
+            mine = rows[np.linalg.norm((points[rows] - centre) * (1, 1, 0.5), axis=1) < rng.uniform(0.15, 2.0)]
             if len(mine) >= LEAST:
                 cloud = _worn(points[mine], rng)[:MOST]
                 name = _OF_SHELL.get(int(kind), UNKNOWN) if len(cloud) and np.ptp(cloud[:, 2]) > 0.8 else UNKNOWN
@@ -134,12 +150,12 @@ def main() -> None:
     for path in arguments.singles:
         with np.load(path) as data:
             for cloud, count, name in zip(data["points"], data["size"], data["name"], strict=True):
-                a, b = features(cloud, 0.0)
+                a, b = features(grounded(cloud, 0.0), 0.0)
                 b[5] = np.log(count) / 3  # 256 of them were kept
                 points.append(a), measures.append(b), names.append(str(name))
     for path in sorted(arguments.scenes.glob("scene_*.npz")) if arguments.scenes else ():
         for cloud, name in clouds_of(path, rng, arguments.variants):
-            a, b = features(cloud[rng.permutation(len(cloud))], 0.0)
+            a, b = features(grounded(cloud[rng.permutation(len(cloud))], 0.0), 0.0)
             points.append(a), measures.append(b), names.append(name)
     np.savez(
         arguments.out, points=np.stack(points).astype(np.float16), measures=np.stack(measures), name=np.array(names)

@@ -296,6 +296,7 @@ class InstanceState:
     points_map: float32 [N, 3]; embedding: float32 [D] unit length or None; labels: (name, score) best first, scores sum to <= 1.
     room: id of the room that holds it, 0 = none. observations: pictures that saw it, 0 for what only the LiDAR saw. existence: 0..1.
     state: present | moved (it stands elsewhere than where it was first found) | gone (its place was found empty; it ends soon).
+    score_kind: what the scores of labels are: votes (shares of what a detector said) | chances (of irsd's own eyes).
     """
 
     id: int
@@ -308,6 +309,7 @@ class InstanceState:
     first_seen_ns: int
     last_seen_ns: int
     state: str = "present"
+    score_kind: str = "votes"
 
 
 @dataclass(frozen=True, slots=True)

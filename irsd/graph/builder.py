@@ -279,6 +279,7 @@ class GraphBuilder:
             state=state.state,
             first_seen_ns=state.first_seen_ns,
             last_seen_ns=state.last_seen_ns,
+            score_kind=state.score_kind,
         )
         return as_published(node)
 

@@ -178,6 +178,7 @@ def merged(number: int, parts: Sequence[InstanceState]) -> InstanceState:
         first_seen_ns=min(p.first_seen_ns for p in parts),
         last_seen_ns=max(p.last_seen_ns for p in parts),
         state="present" if any(p.state == "present" for p in parts) else parts[0].state,
+        score_kind=parts[0].score_kind,
     )
 
 

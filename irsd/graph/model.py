@@ -57,7 +57,10 @@ class DoorEdge:
 
 @dataclass(frozen=True, slots=True)
 class InstanceNode:
-    """A thing. labels: (name, score) best first. obb: upright box (centre [3], size [3], yaw_rad). state: present | moved | gone."""
+    """A thing. labels: (name, score) best first. obb: upright box (centre [3], size [3], yaw_rad). state: present | moved | gone.
+
+    score_kind: what the scores are: votes (shares of what a detector said) | chances (of irsd's own eyes, softmax over all names).
+    """
 
     id: str
     label: str
@@ -76,6 +79,7 @@ class InstanceNode:
     state: str
     first_seen_ns: int
     last_seen_ns: int
+    score_kind: str = "votes"
 
 
 @dataclass(frozen=True, slots=True)

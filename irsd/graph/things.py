@@ -233,4 +233,5 @@ def state_of(node: InstanceNode, arrays: InstanceArrays) -> InstanceState:
         first_seen_ns=node.first_seen_ns,
         last_seen_ns=node.last_seen_ns,
         state=node.state,
+        score_kind=node.score_kind,
     )

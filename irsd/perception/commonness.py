@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 _PER_HOME = {
     20.0: "object",  # pieces of walls, and what nobody has a word for
     8.0: "chair, picture",
-    5.0: "book, door",
+    5.0: "book, door, window",
     4.0: "pillow, plant, light switch",
     3.0: (
         "cabinet, kitchen cabinet, shelf, lamp, ceiling lamp, bottle, cup, trash can, curtain, box, radiator, photo frame"

@@ -138,7 +138,7 @@ class Namer:
     def _named(self, known: _Known) -> InstanceState:
         image = known.state.embedding
         image = image if image is not None and image.shape == self._vectors.shape[1:] else None
-        return replace(known.state, labels=self.rank(known.shape, image))
+        return replace(known.state, labels=self.rank(known.shape, image), score_kind="chances")
 
     def rank(self, shape: Floats | None, image: Floats | None) -> tuple[tuple[str, float], ...]:
         """(name, chance) best first of a thing with unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nav_bridge.calibration import CURVE, chance, isotonic, with_chances
+from nav_bridge.calibration import CURVE, CURVE_OF_CHANCES, chance, isotonic, with_chances
 from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolved
 
 
@@ -17,11 +18,21 @@ def candidate(number: int, evidence: float, rejected: str = "") -> Candidate:
     return Candidate(f"I{number}", "chair", "R1", 0.0, rejected=rejected, evidence=evidence)
 
 
-@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_more_evidence_is_no_less_a_chance(a: float, b: float) -> None:
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.booleans())
+def test_more_evidence_is_no_less_a_chance(a: float, b: float, own: bool) -> None:
     low, high = sorted((a, b))
-    assert 0.0 <= chance(low) <= chance(high) < 1.0
-    assert all(x < y for (x, _), (y, _) in itertools.pairwise(CURVE))
+    assert 0.0 <= chance(low, own) <= chance(high, own) < 1.0
+    assert all(x < y for (x, _), (y, _) in itertools.pairwise(CURVE_OF_CHANCES if own else CURVE))
+
+
+def test_a_chance_is_no_vote() -> None:
+    """Half of many votes for one name is nearly sure; an eye that gives it an even chance is right every other time."""
+    voted, seen = candidate(1, 0.5), replace(candidate(2, 0.5), by_chance=True)
+    by_votes, by_chances = (with_chances(Resolved(c, (), (c,))) for c in (voted, seen))
+    assert isinstance(by_votes, Resolved)
+    assert isinstance(by_chances, Resolved)
+    assert by_votes.target.score > 0.85
+    assert 0.3 < by_chances.target.score < 0.6
 
 
 def test_what_is_out_has_no_chance() -> None:
