@@ -40,7 +40,7 @@ class ResolveSettings:
         0.6, "a candidate with this share of the best score can't be ruled out", lo=0.0, hi=1.0
     )
     min_chance: float = setting(
-        0.5, "chance of being the one meant from which the robot sets off; below it asks", lo=0.0, hi=1.0
+        0.4, "chance of being the one meant from which the robot sets off; below it asks", lo=0.0, hi=1.0
     )
     min_existence: float = setting(0.2, "instances whose existence is less certain are not considered", lo=0.0, hi=1.0)
     max_candidates: int = setting(12, "how many candidates an answer lists", lo=1, hi=1000)

@@ -21,6 +21,7 @@ from irsd.perception.prototypes import Example, liken
 
 Floats = NDArray[np.float32]
 UNKNOWN = "object"
+_MOVED_M = 0.02  # a side that moved by less, half a voxel, has not
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class NamingSettings:
     )
     shapes_per_step: int = setting(6, "clouds encoded per step of the graph; the others wait", lo=1, hi=1000)
     changed_share: float = setting(
-        0.2, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0
+        0.05, "a cloud that grew or shrank by less keeps its shape's embedding", lo=0.0, hi=10.0
     )
     top_labels: int = setting(5, "names given with a thing", lo=1, hi=50)
 
@@ -127,7 +128,7 @@ class Namer:
         points, share = known.state.points_map, self._settings.changed_share
         if known.extent_m is None or abs(len(points) - known.points) > share * known.points:
             return True
-        return bool((np.abs(_extent(points) - known.extent_m) > share * known.extent_m + 0.05).any())
+        return bool((np.abs(_extent(points) - known.extent_m) > share * known.extent_m + _MOVED_M).any())
 
     def _measure(self, known: _Known, floor_z_m: Callable[[int], float]) -> None:
         state = known.state

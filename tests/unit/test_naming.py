@@ -96,7 +96,7 @@ def test_what_is_like_nothing_is_an_object_first_and_its_best_guesses_come_after
 
 def test_shapes_are_encoded_a_few_at_a_time_and_again_only_when_the_cloud_changed_much() -> None:
     shapes = ByHeight()
-    namer = namer_of(shapes, NamingSettings(shapes_per_step=2))
+    namer = namer_of(shapes, NamingSettings(shapes_per_step=2, changed_share=0.2))
     told = namer.name([thing(k, 1.5) for k in range(1, 6)], (), floor)
     assert [state.labels[0][0] for state in told] == ["table", "table", UNKNOWN, UNKNOWN, UNKNOWN]
     assert [state.id for state in namer.name((), (), floor)] == [3, 4]  # their turn: told again by themselves
