@@ -14,8 +14,9 @@ from irsd.instances.pack import pack_all, read_palette
 from irsd.instances.record import NO_ROWS, Instance
 from irsd.instances.roster import Roster
 from irsd.instances.settle import Limits
+from irsd.instances.table import EMPTY, drop_key, enter_key, find_key, new_table
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import EMPTY, Floats, drop_key, enter_key, find_key, new_table
+from irsd.instances.voxels import Floats
 
 _OUTLINE = 12  # points that stand for a thing while not all of its voxels are there
 _PASSES = 4  # per time of rest

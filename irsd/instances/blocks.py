@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from irsd.core.jit import kernel
 from irsd.instances.settle import cell_place
-from irsd.instances.voxels import CLAIMS, EMPTY, Cells, Floats, Ints, Rows, find_key, pack_key
+from irsd.instances.table import BITS, EMPTY, LOW, find_key
+from irsd.instances.voxels import CLAIMS, Cells, Floats, Ints, Rows, pack_key
 
 SHIFT = 4  # a block is 2^4 voxels wide
-AXIS = 21  # bits of a voxel's coordinate in its key
-LOW = (1 << AXIS) - 1
 _SIDE = 1 << SHIFT
 _CLEAR = 1e-3  # voxels from a block's border within which only a point's key tells on which side it is
 
@@ -19,23 +18,23 @@ _CLEAR = 1e-3  # voxels from a block's border within which only a point's key te
 @kernel
 def block_of(key: int) -> int:
     """Key of the block that holds a voxel, by the voxel's key."""
-    i, j, k = key >> (2 * AXIS), (key >> AXIS) & LOW, key & LOW
-    return ((i >> SHIFT) << (2 * AXIS)) | ((j >> SHIFT) << AXIS) | (k >> SHIFT)
+    i, j, k = key >> (2 * BITS), (key >> BITS) & LOW, key & LOW
+    return ((i >> SHIFT) << (2 * BITS)) | ((j >> SHIFT) << BITS) | (k >> SHIFT)
 
 
 @kernel
 def place_in_block(key: int) -> int:
-    i, j, k = key >> (2 * AXIS), (key >> AXIS) & LOW, key & LOW
+    i, j, k = key >> (2 * BITS), (key >> BITS) & LOW, key & LOW
     return ((i & (_SIDE - 1)) << (2 * SHIFT)) | ((j & (_SIDE - 1)) << SHIFT) | (k & (_SIDE - 1))
 
 
 @kernel
 def key_at(block: int, place: int) -> int:
     """Key of a voxel by its block and its place there."""
-    i = ((block >> (2 * AXIS)) << SHIFT) | (place >> (2 * SHIFT))
-    j = (((block >> AXIS) & LOW) << SHIFT) | ((place >> SHIFT) & (_SIDE - 1))
+    i = ((block >> (2 * BITS)) << SHIFT) | (place >> (2 * SHIFT))
+    j = (((block >> BITS) & LOW) << SHIFT) | ((place >> SHIFT) & (_SIDE - 1))
     k = ((block & LOW) << SHIFT) | (place & (_SIDE - 1))
-    return (i << (2 * AXIS)) | (j << AXIS) | k
+    return (i << (2 * BITS)) | (j << BITS) | k
 
 
 @kernel
@@ -132,9 +131,9 @@ def find_resting(table: Rows, blocks: Ints, points: Floats, per_m: float) -> Row
         if x0 <= x < x0 + edge and y0 <= y < y0 + edge and z0 <= z < z0 + edge:
             continue  # still in the block of the point before
         block = block_of(pack_key(x, y, z, per_m))
-        x0 = ((block >> (2 * AXIS)) * _SIDE - (1 << (AXIS - 1)) + _CLEAR) / per_m
-        y0 = (((block >> AXIS) & LOW) * _SIDE - (1 << (AXIS - 1)) + _CLEAR) / per_m
-        z0 = ((block & LOW) * _SIDE - (1 << (AXIS - 1)) + _CLEAR) / per_m
+        x0 = ((block >> (2 * BITS)) * _SIDE - (1 << (BITS - 1)) + _CLEAR) / per_m
+        y0 = (((block >> BITS) & LOW) * _SIDE - (1 << (BITS - 1)) + _CLEAR) / per_m
+        z0 = ((block & LOW) * _SIDE - (1 << (BITS - 1)) + _CLEAR) / per_m
         place = find_key(table, blocks, block)
         if place < 0 or (out[:n] == place).any():
             continue

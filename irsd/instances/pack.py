@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.jit import kernel
-from irsd.instances.blocks import AXIS, LOW, SHIFT, key_at, place_in_block
+from irsd.instances.blocks import SHIFT, key_at, place_in_block
 from irsd.instances.settle import Limits, fair, worth
+from irsd.instances.table import BITS, LOW, Index, enter_row
 from irsd.instances.voxels import CLAIMS, NOBODY, Cells, Floats, Ints, Rows, take_row
 
 Bytes = NDArray[np.uint8]
@@ -151,7 +152,7 @@ def put_row(
     """One row without its key. owned: uint8 [R], bit c = the instance of claim c owns the row."""
     key = cells.key[row]
     for axis in range(3):
-        corner = ((key >> (AXIS * (2 - axis))) & LOW) - (1 << (AXIS - 1))
+        corner = ((key >> (BITS * (2 - axis))) & LOW) - (1 << (BITS - 1))
         fine = int((np.float64(cells.point[row, axis]) * per_m - corner) * (1 << _FINE))
         at = put(out, at, min(max(fine, 0), (1 << _FINE) - 1), _FINE)
     at = put(out, at, int(cells.views[row]) - w.least_views, w.views)
@@ -246,7 +247,7 @@ def unpack_block(
     data: Bytes,
     palette: Rows,
     block: int,
-    table: Rows,
+    index: Index,
     cells: Cells,
     counts: Ints,
     free: Rows,
@@ -270,10 +271,11 @@ def unpack_block(
             at += _LONG
         place += gap + 1
         key = key_at(block, place)
-        row = take_row(table, cells, counts, free, key)
+        row = take_row(cells, counts, free, key)
+        enter_row(index, key, row)
         rows[r] = row
         for axis in range(3):
-            corner = ((key >> (AXIS * (2 - axis))) & LOW) - (1 << (AXIS - 1))
+            corner = ((key >> (BITS * (2 - axis))) & LOW) - (1 << (BITS - 1))
             cells.point[row, axis] = (corner + (get(data, at, _FINE) + 0.5) / (1 << _FINE)) / per_m
             at += _FINE
         cells.views[row] = get(data, at, w_views) + least_views

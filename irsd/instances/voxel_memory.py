@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from irsd.instances.pack import Bytes, Opened, get, unpack_block
+from irsd.instances.table import grown, new_index
 from irsd.instances.voxels import (
     Cells,
     Floats,
@@ -14,16 +15,13 @@ from irsd.instances.voxels import (
     find_all,
     gather,
     new_cells,
-    new_table,
     owners,
-    refill,
     sight,
     take_rows,
 )
 
-_LOAD = 2  # places of the table per row, at least
 _LAST_STAMP = 1 << 30
-_FEW = 0.05  # share of the rows from which on a new table is made when they go
+_SHARE = 8  # rows per page, about; pages are added where that is not so
 
 
 class VoxelMemory:
@@ -32,7 +30,7 @@ class VoxelMemory:
     def __init__(self, voxel_m: float, capacity: int = 1 << 18) -> None:
         self.per_m = 1.0 / voxel_m
         self.cells = new_cells(capacity)
-        self._table = new_table(_bits_for(capacity))
+        self._index = new_index(max(capacity // _SHARE, 1))
         self._free = np.zeros(capacity, np.int32)
         self.counts = np.zeros(3, np.int64)
 
@@ -44,39 +42,35 @@ class VoxelMemory:
         self._reserve(len(points))
         if self.counts[2] > _LAST_STAMP:  # stamps begin anew
             self.cells.stamp[:] = self.counts[2] = 0
-        return gather(self._table, self.cells, self.counts, self._free, points, offset, self.per_m)
+        return gather(self._index, self.cells, self.counts, self._free, points, offset, self.per_m)
 
     def sight(self, rows: Rows, points: Floats, view: int) -> Rows:
         """See ``voxels.sight``: all known voxels that a picture shows."""
-        return sight(self._table, self.cells, rows, points, self.per_m, view)
+        return sight(self._index, self.cells, rows, points, self.per_m, view)
 
     def owners(self, points: Floats) -> Rows:
         """See ``voxels.owners``: slots [K] of those that points lie in, -1 = nobody."""
-        return owners(self._table, self.cells, points, self.per_m)
+        return owners(self._index, self.cells, points, self.per_m)
 
     def find(self, keys: Ints) -> Rows:
         """Rows [N] of keys [N], -1 where a voxel has none."""
-        return find_all(self._table, self.cells.key, keys)
+        return find_all(self._index, keys)
 
     def insert(self, keys: Ints) -> Rows:
         """Rows [N] of unique keys [N]; those without one get one."""
         self._reserve(len(keys))
         rows = self.find(keys)
-        take_rows(self._table, self.cells, self.counts, self._free, keys, rows)
+        take_rows(self._index, self.cells, self.counts, self._free, keys, rows)
         return rows
 
     def drop(self, rows: Rows) -> None:
         """Free rows: their keys are forgotten, their claims with them."""
-        few = len(rows) < _FEW * len(self)
-        drop_rows(self._table if few else self._table[:0], self.cells, self.counts, self._free, rows)
-        if not few:  # cheaper than closing so many gaps
-            self._table[:] = 0
-            refill(self._table, self.cells.key[: self.counts[0]])
+        drop_rows(self._index, self.cells, self.counts, self._free, rows)
 
     def unpack(self, data: Bytes, slots: Rows, block: int, frame: int) -> Opened:
         """See ``pack.unpack_block``: rows again for the voxels of a packed block."""
         self._reserve(int(get(data, 0, 16)))
-        return unpack_block(data, slots, block, self._table, self.cells, self.counts, self._free, frame, self.per_m)
+        return unpack_block(data, slots, block, self._index, self.cells, self.counts, self._free, frame, self.per_m)
 
     def _reserve(self, more: int) -> None:
         rows = int(self.counts[0]) + more  # as if nothing could be reused: no more than one growth too early
@@ -87,10 +81,6 @@ class VoxelMemory:
                 getattr(self.cells, name)[: len(getattr(old, name))] = getattr(old, name)
             free, self._free = self._free, np.zeros(size, np.int32)
             self._free[: len(free)] = free
-        if _LOAD * rows > len(self._table):
-            self._table = new_table(_bits_for(rows))
-            refill(self._table, self.cells.key)
-
-
-def _bits_for(rows: int) -> int:
-    return max(int(np.ceil(np.log2(1.5 * _LOAD * rows))), 8)
+        pages = int(self._index.counts[0]) + more
+        if pages > len(self._index.key):
+            self._index = grown(self._index, max(pages, 2 * len(self._index.key)))

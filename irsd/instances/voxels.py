@@ -1,4 +1,4 @@
-"""The voxel memory as flat arrays: integer key -> row by open addressing, and per row who claims the voxel on what evidence.
+"""The voxel memory as flat arrays: integer key -> row (see ``table``), and per row who claims the voxel on what evidence.
 
 A row has a few claims; a claim holds an instance (by its slot) and the evidence for "this voxel belongs to it": in how many
 pictures it lay inside the instance's mask (``hits``) and in how many of the pictures that showed the instance it was seen at all
@@ -14,6 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.jit import kernel
+from irsd.instances.table import (
+    BITS,
+    EMPTY,
+    Index,
+    drop_row,
+    enter_row,
+    find_page,
+    find_row,
+    page_of,
+    spot_of,
+    take_page,
+)
 
 Ints = NDArray[np.int64]
 Rows = NDArray[np.int32]
@@ -22,13 +34,9 @@ Counts = NDArray[np.uint16]
 Weights = NDArray[np.uint8]
 
 CLAIMS = 4  # instances that can claim one voxel; the weakest claim gives way to a new one
-EMPTY = 0  # the key of a corner 2^20 voxels away: never used; zero, so that fresh memory needs no filling
 NOBODY = -1
 FULL = 16  # evidence of one picture that certainly shows a voxel inside a mask; near the mask's edge it is less
-_BITS = 21
-_OFFSET = 1 << (_BITS - 1)
-_LOW = (1 << _BITS) - 1
-_BLOCK = 64  # places of the table that the 4 x 4 x 4 voxels of one block start from
+_OFFSET = 1 << (BITS - 1)
 MOST = 60_000  # evidence is halved before a count of 16 bits could overflow
 _WORDS = 16  # 32-bit words of a row: one line of the cache
 _STEADY = 255  # points after which a voxel's mean position follows new ones at a fixed rate
@@ -51,13 +59,9 @@ class Cells(NamedTuple):
     mass: Counts
 
 
-def new_table(bits: int) -> Rows:
-    """Open addressing: 1 + row int32 [2^bits] of a key, 0 = free; the keys themselves are those of the rows."""
-    return np.zeros(1 << bits, np.int32)
-
-
 def new_cells(capacity: int) -> Cells:
-    raw = np.zeros((capacity + 1) * _WORDS, np.int32)
+    raw = np.empty((capacity + 1) * _WORDS, np.int32)
+    raw[:] = 0  # touched now: a robot's first pictures must not wait for the memory to be given
     start = -(raw.ctypes.data // 4) % _WORDS
     words = raw[start : start + capacity * _WORDS].reshape(capacity, _WORDS)
     halves = words.view(np.uint16)
@@ -70,7 +74,7 @@ def new_cells(capacity: int) -> Cells:
 def voxel_keys(points: Floats, per_m: float) -> Ints:
     """Packed integer keys [N] of the voxels that hold points [N, 3]; see ``pack_key``."""
     cells = np.floor(np.asarray(points, np.float64) * per_m).astype(np.int64) + _OFFSET
-    return np.asarray((cells[:, 0] << (2 * _BITS)) | (cells[:, 1] << _BITS) | cells[:, 2])
+    return np.asarray((cells[:, 0] << (2 * BITS)) | (cells[:, 1] << BITS) | cells[:, 2])
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
@@ -80,75 +84,12 @@ def pack_key(x: float, y: float, z: float, per_m: float) -> int:
     i = int(np.floor(np.float64(x) * per_m)) + _OFFSET
     j = int(np.floor(np.float64(y) * per_m)) + _OFFSET
     k = int(np.floor(np.float64(z) * per_m)) + _OFFSET
-    return (i << (2 * _BITS)) | (j << _BITS) | k
+    return (i << (2 * BITS)) | (j << BITS) | k
 
 
 @kernel
-def home(key: int, places: int) -> int:
-    """Where a key's search starts: hash of its 4 x 4 x 4 block, then its own place within."""
-    i, j, k = key >> (2 * _BITS), (key >> _BITS) & _LOW, key & _LOW
-    block = np.uint64(((i >> 2) << 42) | ((j >> 2) << 21) | (k >> 2))
-    block = (block ^ (block >> np.uint64(31))) * np.uint64(0x9E3779B97F4A7C15)
-    block = (block ^ (block >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-    start = np.int64((block >> np.uint64(32)) & np.uint64(places // _BLOCK - 1)) * _BLOCK
-    # Within the block's places shuffled by its hash: the same plane of two blocks (a floor, a table) must not meet itself.
-    own = (((i & 3) << 4) | ((j & 3) << 2) | (k & 3)) ^ np.int64(block & np.uint64(_BLOCK - 1))
-    return int(start) + int(own)
-
-
-@kernel
-def find_key(table: Rows, keys: Ints, key: int) -> int:
-    """Row of a key, -1 where it has none. keys: int64 [R] by row."""
-    places = len(table)
-    at = home(key, places)
-    while True:
-        row = table[at] - 1
-        if row < 0 or keys[row] == key:
-            return int(row)
-        at = (at + 1) & (places - 1)
-
-
-@kernel
-def enter_key(table: Rows, key: int, row: int) -> None:
-    places = len(table)
-    at = home(key, places)
-    while table[at] > 0:
-        at = (at + 1) & (places - 1)
-    table[at] = row + 1
-
-
-@kernel
-def drop_key(table: Rows, keys: Ints, key: int) -> None:
-    """Take a key out and close the gap, so that no search that passed it ends early."""
-    places = len(table)
-    at = home(key, places)
-    while table[at] == 0 or keys[table[at] - 1] != key:
-        if table[at] == 0:
-            return
-        at = (at + 1) & (places - 1)
-    gap = at
-    while True:
-        at = (at + 1) & (places - 1)
-        if table[at] == 0:
-            break
-        start = home(keys[table[at] - 1], places)
-        if ((at - start) & (places - 1)) >= ((at - gap) & (places - 1)):
-            table[gap] = table[at]
-            gap = at
-    table[gap] = 0
-
-
-@kernel
-def refill(table: Rows, keys: Ints) -> None:
-    """Enter all rows in use into an empty table."""
-    for row in range(len(keys)):
-        if keys[row] != EMPTY:
-            enter_key(table, keys[row], row)
-
-
-@kernel
-def take_row(table: Rows, cells: Cells, counts: Ints, free: Rows, key: int) -> int:
-    """A row for a new key. counts: int64 [3], rows ever used, free rows on the stack ``free``, stamps given."""
+def take_row(cells: Cells, counts: Ints, free: Rows, key: int) -> int:
+    """A row for a new key, not yet in the index. counts: int64 [3], rows ever used, free rows on the stack ``free``, stamps given."""
     if counts[1] > 0:
         counts[1] -= 1
         row = int(free[counts[1]])
@@ -161,33 +102,32 @@ def take_row(table: Rows, cells: Cells, counts: Ints, free: Rows, key: int) -> i
     for c in range(CLAIMS):
         cells.owner[row, c] = NOBODY
         cells.hits[row, c] = cells.seen[row, c] = 0
-    enter_key(table, key, row)
     return row
 
 
 @kernel
-def find_all(table: Rows, keys: Ints, wanted: Ints) -> Rows:
+def find_all(index: Index, wanted: Ints) -> Rows:
     """Rows int32 [N] of keys [N], -1 where a voxel has none."""
     out = np.empty(len(wanted), np.int32)
     for k in range(len(wanted)):
-        out[k] = find_key(table, keys, wanted[k])
+        out[k] = find_row(index, wanted[k])
     return out
 
 
 @kernel
-def take_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, keys: Ints, rows: Rows) -> None:
+def take_rows(index: Index, cells: Cells, counts: Ints, free: Rows, keys: Ints, rows: Rows) -> None:
     """Rows for those of unique keys [N] that have none: rows int32 [N], -1 there, is completed."""
     for k in range(len(keys)):
         if rows[k] < 0:
-            rows[k] = take_row(table, cells, counts, free, keys[k])
+            rows[k] = take_row(cells, counts, free, keys[k])
+            enter_row(index, keys[k], rows[k])
 
 
 @kernel
-def drop_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, rows: Rows) -> None:
-    """Free rows: their keys are forgotten, their claims with them. An empty table is left alone: it is made anew."""
+def drop_rows(index: Index, cells: Cells, counts: Ints, free: Rows, rows: Rows) -> None:
+    """Free rows: their keys are forgotten, their claims with them."""
     for row in rows:
-        if len(table) > 0:
-            drop_key(table, cells.key, cells.key[row])
+        drop_row(index, cells.key[row])
         cells.key[row] = EMPTY
         for c in range(CLAIMS):
             cells.owner[row, c] = NOBODY
@@ -197,27 +137,35 @@ def drop_rows(table: Rows, cells: Cells, counts: Ints, free: Rows, rows: Rows) -
 
 @kernel
 def gather(
-    table: Rows, cells: Cells, counts: Ints, free: Rows, points: Floats, offset: Ints, per_m: float
+    index: Index, cells: Cells, counts: Ints, free: Rows, points: Floats, offset: Ints, per_m: float
 ) -> tuple[Rows, Ints]:
     """The voxels of masks: (rows int32 [P], unique within a mask, offsets int64 [m + 1]). New voxels get rows.
 
     points: float32 [N, 3], those of mask k at offset[k]:offset[k + 1]. Adds the points to the voxels' mean positions.
     """
-    keys, point, mass, stamp = cells.key, cells.point, cells.mass, cells.stamp
+    point, mass, stamp = cells.point, cells.mass, cells.stamp
     rows = np.empty(len(points), np.int32)
     starts = np.zeros(len(offset), np.int64)
     n = 0
     last_key, row = EMPTY, -1
+    last_page, page = EMPTY, -1
     for m in range(len(offset) - 1):
         counts[2] += 1
         for p in range(offset[m], offset[m + 1]):
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
             key = pack_key(x, y, z, per_m)
             if key != last_key:
-                row = find_key(table, keys, key)
+                last_key, page_key = key, page_of(key)
+                if page_key != last_page:
+                    last_page, page = page_key, find_page(index, page_key)
+                    if page < 0:
+                        page = take_page(index, page_key)
+                spot = spot_of(key)
+                row = index.row[page, spot] - 1
                 if row < 0:
-                    row = take_row(table, cells, counts, free, key)
-                last_key = key
+                    row = take_row(cells, counts, free, key)
+                    index.row[page, spot] = row + 1
+                    index.held[page] += 1
             have = mass[row]
             share = np.float32(1.0) / np.float32(have + 1)
             point[row, 0] += (x - point[row, 0]) * share
@@ -233,9 +181,9 @@ def gather(
 
 
 @kernel
-def sight(table: Rows, cells: Cells, rows: Rows, points: Floats, per_m: float, view: int) -> Rows:
+def sight(index: Index, cells: Cells, rows: Rows, points: Floats, per_m: float, view: int) -> Rows:
     """Unique rows [S] that a picture shows: those of its masks (rows) and the known voxels of points [N, 3]; each is one view more."""
-    keys, frame, views = cells.key, cells.frame, cells.views
+    frame, views = cells.frame, cells.views
     shown = np.empty(len(rows) + len(points), np.int32)
     n = 0
     for row in rows:
@@ -244,13 +192,16 @@ def sight(table: Rows, cells: Cells, rows: Rows, points: Floats, per_m: float, v
             views[row] = min(views[row] + 1, MOST)
             shown[n] = row
             n += 1
-    last = EMPTY
+    last = last_page = EMPTY
+    page = -1
     for p in range(len(points)):
         key = pack_key(points[p, 0], points[p, 1], points[p, 2], per_m)
         if key == last:
             continue
-        last = key
-        row = find_key(table, keys, key)
+        last, page_key = key, page_of(key)
+        if page_key != last_page:
+            last_page, page = page_key, find_page(index, page_key)
+        row = index.row[page, spot_of(key)] - 1 if page >= 0 else -1
         if row >= 0 and frame[row] != view:
             frame[row] = view
             views[row] = min(views[row] + 1, MOST)
@@ -260,11 +211,11 @@ def sight(table: Rows, cells: Cells, rows: Rows, points: Floats, per_m: float, v
 
 
 @kernel
-def owners(table: Rows, cells: Cells, points: Floats, per_m: float) -> Rows:
+def owners(index: Index, cells: Cells, points: Floats, per_m: float) -> Rows:
     """Slot int32 [K] of the best claim on each point's voxel, -1 where nobody has one."""
     out = np.full(len(points), -1, np.int32)
     for p in range(len(points)):
-        row = find_key(table, cells.key, pack_key(points[p, 0], points[p, 1], points[p, 2], per_m))
+        row = find_row(index, pack_key(points[p, 0], points[p, 1], points[p, 2], per_m))
         if row < 0:
             continue
         best = 0.0

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from irsd.instances.associate import Rules, Things, choose, dot, match, new_things, rooms_of_masks
 from irsd.instances.settle import Limits, connected_parts, settle
+from irsd.instances.table import drop_key, enter_key, find_key, new_table
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import CLAIMS, FULL, MOST, add_evidence, drop_key, enter_key, find_all, new_table, voxel_keys
+from irsd.instances.voxels import CLAIMS, FULL, MOST, add_evidence, voxel_keys
 
 RULES = Rules(0.3, 0.8, 0.5, 0.25, 0.5, 0.5, 0.9, 0.0, 0.0, 0.95, 0.0, 0.8, 1.0)
 NOTHING = np.zeros((0, 3), np.float32)
@@ -73,7 +74,7 @@ def test_table_equals_a_dictionary_while_keys_come_and_go(seed: int) -> None:
             truth[key] = free.pop(int(rng.integers(len(free))))
             rows[truth[key]] = key
             enter_key(table, key, truth[key])
-    assert find_all(table, rows, pool).tolist() == [truth.get(k, -1) for k in pool.tolist()]
+    assert [find_key(table, rows, key) for key in pool.tolist()] == [truth.get(k, -1) for k in pool.tolist()]
 
 
 def test_memory_grows_and_reuses_rows() -> None:

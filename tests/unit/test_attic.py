@@ -16,8 +16,9 @@ from irsd.instances.blocks import block_of, find_resting, key_at, place_in_block
 from irsd.instances.memory import FusionSettings, InstanceMemory
 from irsd.instances.pack import pack_all, read_palette
 from irsd.instances.settle import Limits
+from irsd.instances.table import enter_key, new_table
 from irsd.instances.voxel_memory import VoxelMemory
-from irsd.instances.voxels import CLAIMS, MOST, NOBODY, enter_key, new_table, voxel_keys
+from irsd.instances.voxels import CLAIMS, MOST, NOBODY, voxel_keys
 
 EVERYTHING = Limits(0.2, 0.3, 0.0, 0.9, True, 0.25, 0.25)
 VOXEL_M = 0.04
