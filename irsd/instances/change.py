@@ -338,9 +338,22 @@ class ChangeWatch:
         return Verdict(tuple(gone), tuple(partly), sight)
 
 
+@kernel
 def _least_extent(points: Floats) -> float:
     """Least of height and of the two extents in plan along their main directions (from variances, as if evenly filled)."""
-    if len(points) < 3:
+    n = len(points)
+    if n < 3:
         return 0.0
-    spread = np.linalg.eigvalsh(np.cov(points[:, :2].T.astype(np.float64)))
-    return float(min(np.sqrt(12.0 * max(spread[0], 0.0)), np.ptp(points[:, 2])))
+    x = y = xx = xy = yy = 0.0
+    low, high = float(points[0, 2]), float(points[0, 2])
+    for p in range(n):
+        a, b = float(points[p, 0] - points[0, 0]), float(points[p, 1] - points[0, 1])
+        x += a
+        y += b
+        xx += a * a
+        xy += a * b
+        yy += b * b
+        low, high = min(low, float(points[p, 2])), max(high, float(points[p, 2]))
+    xx, xy, yy = (xx - x * x / n) / (n - 1), (xy - x * y / n) / (n - 1), (yy - y * y / n) / (n - 1)
+    spread = 0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
+    return float(min(np.sqrt(12.0 * max(spread, 0.0)), high - low))

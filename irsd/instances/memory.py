@@ -26,7 +26,7 @@ from irsd.instances.rim import rim_weights
 from irsd.instances.room_prior import room_of, rooms_of_all
 from irsd.instances.roster import Roster
 from irsd.instances.settings import FusionSettings
-from irsd.instances.settle import Settled, absorb, large_parts, release, settle
+from irsd.instances.settle import Settled, absorb, main_points, release, settle
 from irsd.instances.stored import restored
 from irsd.instances.voxel_memory import VoxelMemory
 from irsd.instances.voxels import FULL, Floats, Ints, Rows, Weights, add_evidence
@@ -219,11 +219,14 @@ class InstanceMemory:
         for instance_id in touched:
             if instance_id in by_id:
                 self._merge_around(by_id[instance_id], stock)
-        neighbours = {by_slot[s].id for i in stock if i in by_id for s in stock[i].others.tolist() if s in by_slot}
-        for instance_id in sorted(neighbours - stock.keys()):
-            stock[instance_id] = self._settle(by_id[instance_id])
+        seen = {*touched, *stock.keys()}
+        neighbours = {by_slot[s].id for i in stock if i in by_id for s in stock[i].rivals().tolist() if s in by_slot}
+        for instance_id in sorted(neighbours - seen):
+            owned = by_id[instance_id].owned
+            if not np.array_equal(owned, self._settle(by_id[instance_id]).owned):
+                seen.add(instance_id)
         changed: list[InstanceState] = []
-        for instance_id in sorted(stock):
+        for instance_id in sorted(seen):
             if instance_id in by_id:
                 self._publish(by_id[instance_id], changed)
         self._forget()
@@ -252,19 +255,16 @@ class InstanceMemory:
         judge = Judge(self.settings, self._roster.things, self._rules.truth, self._blind)
         while True:
             mine = stock[instance.id]
-            shared = {
-                by_slot[s].id: both
-                for s, both in zip(mine.others.tolist(), mine.both.tolist(), strict=True)
-                if s in by_slot
+            met = {
+                by_slot[s].id: (both, touch)
+                for s, both, touch in zip(mine.others.tolist(), mine.both.tolist(), mine.touch.tolist(), strict=True)
+                if (both or touch >= self.settings.touch_voxels) and s in by_slot
             }
-            touch = {
-                by_slot[s].id: t for s, t in zip(mine.others.tolist(), mine.touch.tolist(), strict=True) if s in by_slot
-            }
-            for other_id in sorted(shared.keys() | instance.beside.keys()):
+            for other_id in sorted(met.keys() | instance.beside.keys()):
                 other = by_id[other_id]
                 if other_id not in stock:
                     stock[other_id] = self._settle(other)
-                contact = Contact(mine.mine, stock[other_id].mine, shared.get(other_id, 0), touch.get(other_id, 0))
+                contact = Contact(mine.mine, stock[other_id].mine, *met.get(other_id, (0, 0)))
                 if judge.are_one(instance, other, contact):
                     pair = sorted((instance, other), key=self._seniority)
                     instance = self._absorb(*pair)
@@ -346,8 +346,8 @@ class InstanceMemory:
 
     def _state(self, instance: Instance) -> InstanceState:
         self._attic.wake(instance, self._views)
-        points = self._voxels.cells.point[instance.owned]
-        points = points[large_parts(points, self.settings.part_m, self.settings.part_share)]
+        s = self.settings
+        points = np.asarray(main_points(self._voxels.cells.point, instance.owned, s.part_m, s.part_share))
         slot = instance.slot
         return InstanceState(
             instance.id,

@@ -52,6 +52,10 @@ class Settled(NamedTuple):
     touch: Ints
     mine: int
 
+    def rivals(self) -> Rows:
+        """Slots of those whose voxels it may take, or they its."""
+        return self.others[self.both > 0]
+
 
 @kernel
 def least_hits(typical: float, limits: Limits) -> float:
@@ -191,16 +195,17 @@ def connected_parts(points: Floats, link_m: float) -> Ints:
     part = np.zeros(n, np.int64)
     if n == 0:
         return part
-    places = 16
-    while places < 4 * n:
+    per_m = 1.0 / link_m
+    places = 64
+    while places < 2 * n:
         places *= 2
     keys, numbers = np.full(places, -1, np.int64), np.zeros(places, np.int64)
     cell_of, cells, used = np.empty(n, np.int64), np.empty(n, np.int64), 0
     last_key, at = -1, 0
     for p in range(n):
-        i = int(np.floor(np.float64(points[p, 0]) / link_m)) + (1 << 20)
-        j = int(np.floor(np.float64(points[p, 1]) / link_m)) + (1 << 20)
-        k = int(np.floor(np.float64(points[p, 2]) / link_m)) + (1 << 20)
+        i = int(np.floor(np.float64(points[p, 0]) * per_m)) + (1 << 20)
+        j = int(np.floor(np.float64(points[p, 1]) * per_m)) + (1 << 20)
+        k = int(np.floor(np.float64(points[p, 2]) * per_m)) + (1 << 20)
         key = (i << 42) | (j << 21) | k
         if key != last_key:
             at = cell_place(keys, key)
@@ -251,3 +256,19 @@ def large_parts(points: Floats, link_m: float, share: float) -> NDArray[np.bool_
     for p in range(len(points)):
         keep[p] = size[part[p]] >= least
     return keep
+
+
+@kernel
+def main_points(point: Floats, rows: Rows, link_m: float, share: float) -> Floats:
+    """Points float32 [k, 3] of those rows that lie in large parts, see ``large_parts``. point: float32 [R, 3] by row."""
+    points = np.empty((len(rows), 3), np.float32)
+    for p in range(len(rows)):
+        for axis in range(3):
+            points[p, axis] = point[rows[p], axis]
+    keep, n = large_parts(points, link_m, share), 0
+    for p in range(len(rows)):
+        if keep[p]:
+            for axis in range(3):
+                points[n, axis] = points[p, axis]
+            n += 1
+    return points if n == len(rows) else points[:n].copy()
