@@ -35,6 +35,7 @@ from nav_bridge.monitor import Driving, Failed, Outcome, Reached
 from nav_bridge.planner import Planner, World, XyYaw
 from nav_bridge.reader import Reader
 from nav_bridge.requests import Goto, Request, checked_goto, request_of
+from nav_bridge.route import narrowed
 from nav_bridge.scout import Scout
 from nav_bridge.search import warm_up
 from nav_bridge.sinks.base import Plan
@@ -143,9 +144,7 @@ class Bridge:
             odometry = decode_odometry(sample.payload)
         except DecodeError as error:
             self._bad_odometry += 1
-            if (
-                self._bad_odometry & (self._bad_odometry - 1) == 0
-            ):  # 1st, 2nd, 4th, ...: a wrong topic must not flood the log
+            if self._bad_odometry & (self._bad_odometry - 1) == 0:  # 1st, 2nd, 4th, ...: the log must not be flooded
                 _log.warning("%d odometry messages were dropped, last: %s", self._bad_odometry, error)
             return
         self._pose, self._pose_ns = self._map_frame.robot(odometry), sample.received_ns
@@ -158,8 +157,10 @@ class Bridge:
         if drive is None or drive.holding_ns is not None:
             return
         if isinstance(outcome, Reached):
-            place = drive.name if drive.target.is_room else f"{outcome.distance_m:.2f} m from {drive.name}"
-            self._end("reached", "", outcome.distance_m, text=f"Reached: {place}")
+            away = "" if drive.target.is_room else f"{outcome.distance_m:.2f} m from "
+            self._end("reached", "", outcome.distance_m, text=f"Reached: {away}{drive.name}")
+        elif isinstance(outcome, Failed) and outcome.cause == "stuck" and self._pose and drive.felt(self._pose[:2]):
+            self._wait(drive, Doubt("blocked", outcome.reason), outcome.reason, now_ns)
         elif isinstance(outcome, Failed):
             self._end("failed", f"{outcome.cause}: {outcome.reason}", outcome.distance_m, stop=True)
         elif now_ns - self._reported_ns >= _STATE_PERIOD_NS:
@@ -270,14 +271,14 @@ class Bridge:
         view = seen = self._scout.view()
         if seen is not None and seen.costs is not None:
             view = replace(seen, costs=self._planner.fenced(seen.costs, graph, _minute()))
-        radius_m = settings.route.robot_radius_m
-        doubt = drive.doubt(graph, view, self._pose[:2], settings.drive.off_way_m, radius_m)
+        doubt = drive.doubt(graph, view, self._pose[:2], settings.drive.off_way_m, settings.route.robot_radius_m)
         if doubt is None:
             return
         if doubt.cause == "new map" or drive.plans > settings.drive.max_replans:
             self._end("failed", f"{doubt.cause}: {doubt.text}", None, stop=True)
             return
         costs = seen.costs if seen is not None and seen.costs is not None else self._source.cost_map()
+        costs = costs and narrowed(costs, drive.tight, settings.route)
         self._replan(drive, doubt, World(graph, lambda: costs, self._source.points, self._pose, _minute()), now_ns)
 
     def _replan(self, drive: Drive, doubt: Doubt, world: World, now_ns: int) -> None:

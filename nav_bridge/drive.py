@@ -19,6 +19,7 @@ from nav_bridge.sinks.base import Plan, Waypoints
 from nav_bridge.surface import floor_under, solid_part, surface_distance
 
 _SLACK_M = 0.05  # a target may come this much nearer or farther by itself: fusion goes on
+_CAME_ALONG_M, _MOST_TIGHT = 0.15, 3  # a robot that has not moved at all is not in a tight place
 _NEAR_M = 0.3  # of the way ahead, what lies closer to the robot than this is not checked: it is there already
 
 
@@ -69,6 +70,7 @@ class Drive:
         self.plans = 0
         self.planned_ns = 0
         self.holding_ns: int | None = None
+        self.tight: list[tuple[float, float]] = []  # where the robot did not get on, though the map is free there
         self.frame = "map"
         self._seq = seq
         self._certificate: dict[str, Any] | None = None
@@ -96,6 +98,14 @@ class Drive:
         self.plans += 1
         self._seq += 1
         self.planned_ns, self.holding_ns = now_ns, None
+        return True
+
+    def felt(self, robot_xy: tuple[float, float]) -> bool:
+        """The robot is stuck here; True if another plan may help: it did come along by this one, and has not tried too often."""
+        came_m = float(np.hypot(*(np.array(self._way[0][:2]) - robot_xy)))
+        if came_m < _CAME_ALONG_M or len(self.tight) >= _MOST_TIGHT:
+            return False
+        self.tight.append(robot_xy)
         return True
 
     def hold(self, now_ns: int) -> None:

@@ -26,6 +26,7 @@ from nav_bridge.resolution import Ambiguous, Candidate, NotFound, Resolution, Re
 _FOR_A_PURPOSE, _ANY_WILL_DO = 0.95, 0.8  # rival_ratio for these at least
 # What has at most these shares of the observations and of the points of another of its name is a mask's edge on something else.
 _GLIMPSED, _SPECK = 0.35, 0.15
+_FLUSH_M = 0.05  # tops as level as this may be one surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,8 +176,10 @@ def _without_fragments(rivals: Rows, cases: Cases) -> Rows:
     part, whole = part[level], whole[level]
     a, b = boxes.take(part), boxes.take(whole)
     piece = (points[part] < 0.35 * points[whole]) & (rel.plan_gap(a, b) < 0.1)
-    # Of two that lie in each other the one that takes more room is the whole, unless it is but a few points of the other.
-    within = (rel.plan_overlap(a, b) > 0.5) & (points[whole] >= 0.35 * points[part])
+    # Of two that lie in each other the one that takes more room is the whole, unless it is but a few points of the other. Two table
+    # tops of one height can't even share a corner: they are one, seen from two sides.
+    flush = np.abs(a.top_m - b.top_m) < _FLUSH_M
+    within = (rel.plan_overlap(a, b) > np.where(flush, 0.2, 0.5)) & (points[whole] >= 0.35 * points[part])
     within &= (room[part] < room[whole]) | ((room[part] == room[whole]) & (part > whole))
     of: dict[int, int] = {}
     for p, w in zip(part[piece | within], whole[piece | within], strict=True):

@@ -24,6 +24,7 @@ from nav_bridge.search import least_clearance, search
 _DOOR_APART_M = 0.1  # a corner of the way as near to a door as this needs no waypoint beside it
 _LARGE_CELLS = 500_000  # a map with more is searched coarsely first
 _COARSE = 4  # cells in a side of a coarse one
+_FELT_M = 0.6  # round a place where a robot did not get on
 _BAND = 6  # coarse cells to each side of the coarse way that are searched
 
 
@@ -116,6 +117,22 @@ def make_cost_map(frame: GridFrame, occupancy: NDArray[np.int8], settings: Route
     lacking = np.clip((hard + settings.comfort_m - clear) / max(settings.comfort_m, 1e-6), 0.0, 1.0)
     cost = (1.0 + settings.comfort_weight * lacking**2).astype(np.float32)
     return CostMap(frame, blocked, clear, passable, cost, cells >= 0)
+
+
+def narrowed(costs: CostMap, places_xy: Sequence[tuple[float, float]], settings: RouteSettings) -> CostMap:
+    """The map as a robot has felt it: round each place where it did not get on, things stand out by a cell more than was seen.
+
+    places_xy: a place that comes twice counts twice.
+    """
+    if not places_xy:
+        return costs
+    frame, obstacle = costs.frame, costs.blocked & costs.known
+    for place in places_xy:
+        low, high = frame.cells_of(np.array([np.subtract(place, _FELT_M), np.add(place, _FELT_M)]))
+        window = obstacle[max(low[0], 0) : max(high[0] + 1, 0), max(low[1], 0) : max(high[1] + 1, 0)]
+        if window.size:
+            window |= cv2.dilate(window.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return make_cost_map(frame, np.where(obstacle, 100, np.where(costs.known, 0, -1)).astype(np.int8), settings)
 
 
 def snap_to_passable(costs: CostMap, xy: tuple[float, float], reach_m: float) -> tuple[int, int] | None:

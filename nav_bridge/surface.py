@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from irsd.graph.model import GraphSnapshot
@@ -13,18 +14,22 @@ from nav_bridge.route import CostMap
 
 MAX_POINTS = 1000  # a target's points beyond this many are thinned: they lie millimetres apart
 _ON_FLOOR_M = 0.08  # what is no higher than this is no obstacle: the floor, or flat on it
+_APART_M = 0.2  # parts of a thing are apart, in plan, where a free square of this edge lies between them
 _LEAST_SOLID = (
     0.2  # share of a thing's points off the free floor from which the others are floor that its masks bled over
 )
 
 
 def solid_part(points: NDArray[np.floating], costs: CostMap, floor_z_m: float | None) -> NDArray[np.floating]:
-    """A thing's points [N, 3] without those on floor that the map knows to be free, over which its masks have bled.
+    """Of a thing's points [N, 3] those that are surely it: its greatest part in plan, and no floor that the map knows to be free.
 
-    All of them for what lies flat on the floor (carpets, mats), and where it is not known how high the floor is.
+    Masks bleed over the floor and onto what is behind; who stands before the greatest part stands before the thing, also where only
+    pieces of it were seen. What lies flat on the floor (carpets, mats) keeps its points. floor_z_m: None where it is not known.
     """
-    if floor_z_m is None or not len(points):
-        return points
+    return _greatest_part(points if floor_z_m is None else _off_free_floor(points, costs, floor_z_m))
+
+
+def _off_free_floor(points: NDArray[np.floating], costs: CostMap, floor_z_m: float) -> NDArray[np.floating]:
     low = np.flatnonzero(points[:, 2] < floor_z_m + _ON_FLOOR_M)
     cells = costs.frame.cells_of(points[low])
     inside = costs.frame.inside(cells)
@@ -32,6 +37,18 @@ def solid_part(points: NDArray[np.floating], costs: CostMap, floor_z_m: float | 
     bled = low[costs.known[rows, cols] & ~costs.blocked[rows, cols]]
     solid = np.delete(points, bled, axis=0)
     return solid if len(solid) >= _LEAST_SOLID * len(points) else points
+
+
+def _greatest_part(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """The points [N, 2+] of the part that has most of them."""
+    if not len(points):
+        return points
+    cells = np.floor(points[:, :2] / _APART_M).astype(np.int64)
+    cells -= cells.min(0)
+    taken = np.zeros(cells.max(0) + 1, bool)
+    taken[cells[:, 0], cells[:, 1]] = True
+    part = ndimage.label(taken, np.ones((3, 3)))[0][cells[:, 0], cells[:, 1]]
+    return np.asarray(points[part == np.bincount(part).argmax()])
 
 
 def floor_under(graph: GraphSnapshot, room_id: str | None) -> float | None:

@@ -124,6 +124,20 @@ def test_floor_that_is_free_is_no_surface_but_what_lies_flat_is() -> None:
     assert surface_distance(solid, place)[0] == pytest.approx(surface_distance(fridge, place)[0], abs=0.1)
 
 
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 6.3), st.floats(0.6, 3.0), st.integers(1, 45))
+def test_the_greatest_part_is_the_thing_and_what_its_masks_bled_onto_is_not(
+    angle: float, away_m: float, share: int
+) -> None:
+    box = house.surface((2.0, 2.0, 1.3), (2.5, 2.3, 1.8)).astype(float)
+    aside = (away_m + 0.5) * np.array([math.cos(angle), math.sin(angle), 0.2])
+    bled = box[: len(box) * share // 100] + aside
+    mixed = np.random.default_rng(share).permutation(np.vstack([bled, box]))
+    solid = solid_part(mixed, COSTS, 0.0)
+    assert {tuple(p) for p in solid} == {tuple(p) for p in box}
+    assert len(solid_part(box[:0], COSTS, 0.0)) == 0
+
+
 def test_a_pose_comes_with_its_point_and_its_error() -> None:
     pose = approach("I6")
     assert isinstance(pose, ApproachPose)

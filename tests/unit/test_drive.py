@@ -101,6 +101,15 @@ def test_a_target_that_moves_and_a_robot_off_its_way(planner: Planner) -> None:
     assert cause(drive) == "off the way"
 
 
+def test_a_tight_place_is_worth_another_plan_but_a_robot_that_never_moved_is_not_in_one(planner: Planner) -> None:
+    drive = driving(planner, "fridge")
+    assert not drive.felt(HERE)
+    for k in range(3):
+        assert drive.felt((4.0, 3.0 + 0.1 * k))
+    assert not drive.felt((4.0, 3.5)), "not for ever"
+    assert len(drive.tight) == 3
+
+
 def test_plans_heartbeats_and_stops_are_told_apart(planner: Planner) -> None:
     drive = driving(planner, "fridge")
     plan, rest = drive.plan(SETTINGS.drive), drive.rest(SETTINGS.drive)

@@ -125,6 +125,19 @@ def test_slips_and_fragments_do_not_compete(knowledge: Knowledge) -> None:
     assert isinstance(ask("fridge", knowledge, gone), NotFound)
 
 
+def test_two_halves_of_one_table_are_one_and_tables_beside_each_other_are_two(knowledge: Knowledge) -> None:
+    def two(gap_m: float) -> Resolution:
+        west = house.instance(50, "workbench", "R1", (1.0, 1.0, 0), (2.0, 2.0, 0.74))
+        east = house.instance(51, "workbench", "R1", (2.0 + gap_m, 1.0, 0.3), (2.9 + gap_m, 1.9, 0.74))
+        return ask("workbench", knowledge, replace(house.GRAPH, instances=(*house.THINGS, west, east)))
+
+    one = two(-0.3)
+    assert isinstance(one, Resolved)
+    assert one.target.instance == "I50"
+    for gap_m in (-0.05, 0.0, 0.2):  # boxes of things that touch overlap by what their masks bled
+        assert isinstance(two(gap_m), Ambiguous)
+
+
 def test_what_was_only_glimpsed_does_not_compete_with_what_was_seen_well(knowledge: Knowledge) -> None:
     """The edge of a mask fell on a chair in the other room, in a few pictures of one glance."""
     far = house.instance(30, "refrigerator", "R1", (2.0, 2.0, 0.5), (2.05, 2.05, 0.7))

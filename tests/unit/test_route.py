@@ -154,6 +154,23 @@ def test_a_robot_too_close_to_something_first_gets_clear() -> None:
     assert snap_to_passable(costs, (50.0, 50.0), 1.0) is None
 
 
+def test_where_a_robot_did_not_get_on_things_stand_out_farther() -> None:
+    cells = np.zeros((60, 60), np.int8)
+    cells[30, 30] = cells[5, 5] = 100
+    cells[:, 55:] = -1
+    costs = costs_of(cells)
+    place = tuple(costs.frame.centres_of(np.array([[30, 27]]))[0])
+    assert route.narrowed(costs, (), SETTINGS) is costs
+    once, twice = (route.narrowed(costs, [place] * times, SETTINGS) for times in (1, 2))
+    for narrow, cells_more in ((once, 1), (twice, 2)):
+        assert np.array_equal(narrow.known, costs.known)
+        more = np.argwhere(narrow.blocked & ~costs.blocked)
+        assert len(more) == (2 * cells_more + 1) ** 2 - 1, "only round the place"
+        assert np.abs(more - 30).max() == cells_more
+    assert np.array_equal(costs.blocked, costs_of(cells).blocked), "the map itself is not touched"
+    route.narrowed(costs, [(1e3, 1e3), (-1e3, 0.0)], SETTINGS)
+
+
 def test_empty_ends() -> None:
     assert not make_cost_map(GridFrame((0.0, 0.0), 0.1, 0, 0), np.zeros((0, 0), np.int8), SETTINGS).passable.any()
     with pytest.raises(ValueError, match="frame says"):
