@@ -15,9 +15,7 @@ from nav_bridge.route import CostMap
 MAX_POINTS = 1000  # a target's points beyond this many are thinned: they lie millimetres apart
 _ON_FLOOR_M = 0.08  # what is no higher than this is no obstacle: the floor, or flat on it
 _APART_M = 0.2  # parts of a thing are apart, in plan, where a free square of this edge lies between them
-_LEAST_SOLID = (
-    0.2  # share of a thing's points off the free floor from which the others are floor that its masks bled over
-)
+_RISES, _RISES_POINTS = 0.05, 5  # share and number of points above the floor from which a thing is not flat on it
 
 
 def solid_part(points: NDArray[np.floating], costs: CostMap, floor_z_m: float | None) -> NDArray[np.floating]:
@@ -30,13 +28,14 @@ def solid_part(points: NDArray[np.floating], costs: CostMap, floor_z_m: float | 
 
 
 def _off_free_floor(points: NDArray[np.floating], costs: CostMap, floor_z_m: float) -> NDArray[np.floating]:
-    low = np.flatnonzero(points[:, 2] < floor_z_m + _ON_FLOOR_M)
+    on_floor = points[:, 2] < floor_z_m + _ON_FLOOR_M
+    if np.count_nonzero(~on_floor) < max(_RISES * len(points), _RISES_POINTS):
+        return points
+    low = np.flatnonzero(on_floor)
     cells = costs.frame.cells_of(points[low])
     inside = costs.frame.inside(cells)
     low, (rows, cols) = low[inside], cells[inside].T
-    bled = low[costs.known[rows, cols] & ~costs.blocked[rows, cols]]
-    solid = np.delete(points, bled, axis=0)
-    return solid if len(solid) >= _LEAST_SOLID * len(points) else points
+    return np.delete(points, low[costs.known[rows, cols] & ~costs.blocked[rows, cols]], axis=0)
 
 
 def _greatest_part(points: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -111,7 +111,7 @@ def test_floor_that_is_free_is_no_surface_but_what_lies_flat_is() -> None:
     """A mask of the fridge has bled over the floor before it; a carpet is nothing but floor."""
     fridge = house.points_of("I6").astype(float)
     free = COSTS.frame.centres_of(np.argwhere(~COSTS.blocked))
-    floor = np.column_stack([free, np.full(len(free), 0.02)])[:: max(1, len(free) // len(fridge))]
+    floor = np.column_stack([free, np.full(len(free), 0.02)])[:: max(1, len(free) // (6 * len(fridge)))]
     bled = np.vstack([fridge, floor])
     solid = solid_part(bled, COSTS, 0.0)
     assert len(solid) >= 0.95 * len(fridge)
