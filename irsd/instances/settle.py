@@ -74,6 +74,19 @@ def worth(hits: float, seen: float, typical: float, limits: Limits) -> float:
 
 
 @kernel
+def contest(hits: float, seen: float, typical: float, limits: Limits) -> float:
+    """Weight of a claim against another's on its voxel: as to own it, but it need not have been seen for long.
+
+    A small thing of few pictures does not hold all of its rim yet; what it is on must not have that instead.
+    """
+    if limits.plain:
+        return hits
+    if hits < limits.own * (seen + FULL) or hits < least_hits(typical, limits):
+        return 0.0
+    return hits / (seen + FULL) * (hits / max(typical, 1.0))
+
+
+@kernel
 def fair(hits: float, seen: float, typical: float, limits: Limits) -> bool:
     """Whether a claim counts for merging."""
     return limits.plain or (hits >= limits.ratio * (seen + FULL) and hits >= limits.fair * typical)
@@ -129,7 +142,7 @@ def settle(cells: Cells, things: Things, chunk: Rows, ascending: int, slot: int,
             if other < 0 or other == slot:
                 continue
             hits, seen = float(all_hits[row, c]), float(all_seen[row, c])
-            rival = worth(hits, seen, levels[other], limits)
+            rival = contest(hits, seen, levels[other], limits)
             if not limits.plain and (rival > weight or (rival == weight and ids[other] < ids[slot])):
                 best = False
             meet = counts and fair(hits, seen, levels[other], limits)
