@@ -68,11 +68,12 @@ TRAIN  := OMP_NUM_THREADS=1 ORT_DISABLE_TELEMETRY=1 .venv-models/bin/python -m t
 models: .venv-models/.installed  ## train the shipped models anew: about 3 hours of 2 cores, goes on where it was interrupted
 	@ls /usr/share/sweethome3d/furniture/*.sh3f >/dev/null || { echo "no 3D models: apt-get install sweethome3d-furniture"; exit 1; }
 	mkdir -p $(MODELS)
-	$(TRAIN).scene --seed 2 --count 150 --share 0 --out $(MODELS)/scenes
+	$(TRAIN).scene --seed 2 --count 138 --share 0 --out $(MODELS)/scenes
+	$(TRAIN).scene --seed 6 --count 250 --share 0.15 --out $(MODELS)/scenes
 	$(TRAIN).scene --seed 4 --count 85 --share 0.25 --out $(MODELS)/buildings
-	test -f $(MODELS)/singles.npz || $(TRAIN).shape_data --count 15000 --seed 1 --out $(MODELS)/singles.npz
-	test -f $(MODELS)/shape_rows.npz || $(TRAIN).shape_set --scenes $(MODELS)/scenes --singles $(MODELS)/singles.npz --out $(MODELS)/shape_rows.npz
-	$(TRAIN).train_shape --data $(MODELS)/shape_rows.npz --out $(MODELS)/shape.pt --epochs 5 --export $(MODELS)
+	test -f $(MODELS)/singles.npz || $(TRAIN).shape_data --count 8000 --seed 1 --out $(MODELS)/singles.npz
+	test -f $(MODELS)/shape_rows.npz || $(TRAIN).shape_set --scenes $(MODELS)/scenes --singles $(MODELS)/singles.npz --variants 3 --out $(MODELS)/shape_rows.npz
+	$(TRAIN).train_shape --data $(MODELS)/shape_rows.npz --out $(MODELS)/shape.pt --epochs 13 --export $(MODELS)
 	$(TRAIN).train_structure --scenes $(MODELS)/buildings --rows $(MODELS)/structure_rows.npz --out $(MODELS)/structure.pt --epochs 9 --export $(MODELS)
 	$(TRAIN).pack --float $(MODELS) --shape-rows $(MODELS)/shape_rows.npz --structure-rows $(MODELS)/structure_rows.npz --out irsd/models/nano
 	$(TRAIN).render --seed 0 --scenes 200 --out $(MODELS)/pictures

@@ -1,15 +1,16 @@
 """What goals in words are worth: time to an answer on a large site, and right answers with calibrated scores on known buildings.
 
     python benchmarks/goto.py                         time to accepted: 10,000 things in 200 rooms, in process and over zenoh
-    python benchmarks/goto.py --calibrate [--seeds 1-3] [--folders DIR ...] [--cache DIR] [--write FILE]
+    python benchmarks/goto.py --calibrate [--nano] [--seeds 1-3] [--folders DIR ...] [--cache DIR] [--write FILE]
 
 Times: every sentence is asked once, after some that warm up caches; CPU seconds of the process beside wall clock, as other work on
 the machine counts only for the latter. Over zenoh, nav_bridge is a process of its own and so is whoever asks (CPU: of both); graph,
 map, points and odometry come from a stand-in for irsd in the asking process.
 
-Calibration: each building of the embedded world is explored by the simulated sensors, and sentences are made from its truth: names,
-rooms by their true kind, relations, choices, and things that are not there. Folders are those of ``irsctl replay`` on the small
-house, with its 71 sentences. A candidate's score is right as a probability when of those scored about 0.8 four in five are meant.
+Calibration: each building of the embedded world is explored by the simulated sensors (and detector; --nano: irsd's own eyes), and
+sentences are made from its truth: names, rooms by their true kind, relations, choices, and things that are not there. Folders are
+those of ``irsctl replay`` on the small house, with its 71 sentences. A candidate's score is right as a probability when of those
+scored about 0.8 four in five are meant.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ KEYS = RobotKeys("bench")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calibrate", action="store_true")
+    parser.add_argument("--nano", action="store_true", help="buildings are seen with irsd's own eyes")
     parser.add_argument("--seeds", default="1-3")
     parser.add_argument("--folders", nargs="*", type=Path, default=[])
     parser.add_argument("--truth", type=Path, default=Path("../shared/data/small_house"))
@@ -59,7 +61,7 @@ def main() -> None:
 
         first, _, last = options.seeds.partition("-")
         seeds = range(int(first), int(last or first) + 1) if options.seeds else range(0)
-        table = calibrate(seeds, options.folders, options.truth, options.cache)
+        table = calibrate(seeds, options.folders, options.truth, options.cache, nano=options.nano)
         print(table)
         if options.write is not None:
             options.write.write_text(table + "\n")

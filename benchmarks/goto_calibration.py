@@ -33,11 +33,11 @@ class Case(NamedTuple):
     by_chance: bool
 
 
-def calibrate(seeds: Iterable[int], folders: Iterable[Path], truth: Path, cache: Path) -> str:
-    """The tables in Markdown. cache: folder that keeps the explored buildings."""
+def calibrate(seeds: Iterable[int], folders: Iterable[Path], truth: Path, cache: Path, *, nano: bool = False) -> str:
+    """The tables in Markdown. cache: folder that keeps the explored buildings; nano: they are seen with irsd's own eyes."""
     encoder = LabelEncoder.load()
     known = [recorded(folder, truth, encoder.aliases) for folder in folders]
-    known += [explored(seed, cache, encoder) for seed in seeds]
+    known += [explored(seed, cache, encoder, nano=nano) for seed in seeds]
     # Nothing is held back for a small chance here: the curve is to be fitted on all answers.
     settings = replace(BridgeSettings(), resolve=replace(ResolveSettings(), min_chance=0.0))
     cases: list[Case] = []

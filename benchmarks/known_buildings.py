@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from irsd.config import IrsdConfig
+from irsd.config import IrsdConfig, with_pictures
 from irsd.ctl.outputs import write_outputs
+from irsd.ctl.recordings import NANO, Offline, own_eyes
 from irsd.ingest import SensorDecoder
 from irsd.perception.encoder import AliasTable, LabelEncoder
 from irsd.pipeline import MapPipeline
@@ -62,24 +63,25 @@ class Known:
     sentences: tuple[Sentence, ...]
 
 
-def explored(seed: int, cache: Path, encoder: LabelEncoder) -> Known:
-    """The building of a seed, explored by the simulated sensors with exact odometry: what is judged here is language, not drift."""
-    folder = cache / f"building-{seed}"
+def explored(seed: int, cache: Path, encoder: LabelEncoder, *, nano: bool = False) -> Known:
+    """The building of a seed, explored by the simulated sensors with exact odometry: what is judged here is language, not drift.
+
+    nano: seen with irsd's own eyes, in place of the simulated detector.
+    """
+    folder = cache / (f"building-{seed}-nano" if nano else f"building-{seed}")
     exact = RobotSettings(odom_scale_error=0.0, odom_yaw_rad_per_sqrt_m=0.0, odom_turn_error=0.0)
-    world = World(seed, replace(WorldSettings(), robot=exact), sensing=not folder.exists())
+    world = World(seed, replace(WorldSettings(), robot=exact, detections=not nano), sensing=not folder.exists())
     if not folder.exists():
-        config = IrsdConfig()
-        decoder, sync = SensorDecoder(config.ingest), Synchronizer(config.sync)
-        pipeline = MapPipeline(config.pipeline, encoder, map_id=f"building-{seed}")
+        config = with_pictures(IrsdConfig()) if nano else IrsdConfig()
+        eyes, namer = own_eyes(config, NANO, encoder) if nano else (None, None)
+        pipeline = MapPipeline(config.pipeline, encoder, map_id=f"building-{seed}", eyes=eyes, namer=namer)
+        offline = Offline(SensorDecoder(config.ingest), Synchronizer(config.sync), pipeline, eyes)
         left_s = SETTLE_S
         while left_s > 0 and (world.now_ns - world.start_ns) * 1e-9 < EXPLORE_LIMIT_S:
             left_s -= TICK_S if world.phase != "exploring" else 0.0
             for message in world.step(TICK_S):
-                for sensed in decoder.decode(message.topic, message.data):
-                    sync.push(sensed)
-            for frame in sync.pop():
-                pipeline.step(frame)
-        graph = pipeline.finish(world.now_ns).snapshot
+                offline.feed(message)
+        graph = offline.finish().snapshot
         write_outputs(folder, graph, pipeline.arrays(), pipeline.navigation_grid(), {})
     known = load_map(folder)
     things = things_of(world.building)
