@@ -32,6 +32,7 @@ from irsd.mapping.mapper import MappingSettings
 from irsd.perception.assemble import ModelSettings, check_models
 from irsd.perception.budget import BudgetSettings
 from irsd.perception.settings import PerceptionSettings, check_perception
+from irsd.privacy import PrivacySettings
 from irsd.record import RecordSettings
 from irsd.rooms.stage import RoomSettings
 from irsd.sensors.sync import SyncSettings
@@ -94,6 +95,7 @@ class IrsdConfig:
     budget: BudgetSettings = field(default_factory=BudgetSettings)
     store: StoreSettings = field(default_factory=StoreSettings)
     record: RecordSettings = field(default_factory=RecordSettings)
+    privacy: PrivacySettings = field(default_factory=PrivacySettings)
     health: HealthSettings = field(default_factory=HealthSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
 

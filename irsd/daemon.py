@@ -37,7 +37,7 @@ from irsd.health import (
     status_document,
     status_line,
 )
-from irsd.ingest import Ingest
+from irsd.ingest import Ingest, Topic
 from irsd.io.keys import RobotKeys
 from irsd.io.localisation import LocalisationPublisher, TfPublisher
 from irsd.io.publishers import GraphPublisher
@@ -50,6 +50,7 @@ from irsd.perception import worker as perception
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.worker import LiveEyes
 from irsd.pipeline import MapPipeline
+from irsd.privacy import PICTURES
 from irsd.resume import Resumption
 from irsd.sensors.sync import Synchronizer
 from irsd.sensors.watch import SensorWatch
@@ -96,7 +97,7 @@ class Daemon:
         self._watch = SensorWatch(config.watch)
         self._ledger, self._wall_clock = FaultLedger(), WallClock(shown_s=config.watch.shown_s)
         self._recorder = recorder_of(config, store)
-        taken = None if self._recorder is None else self._recorder.take
+        taken = None if self._recorder is None else self._record
         self._ingest = Ingest(session, config.ingest, wake, self._watch, taken)
         geometry = {} if stored is None else stored.geometry
         self._resumption = Resumption(
@@ -239,6 +240,12 @@ class Daemon:
             _log.error("revision %d could not be published: %s", publication.delta.seq, error)
         self._times.add({"store": (stored_s - began_s) * 1e3, "publish": (monotonic_s() - stored_s) * 1e3})
 
+    def _record(self, topic: Topic, payload: bytes) -> None:
+        """On the map thread: a message onto disk, pictures where they may be kept."""
+        keep = topic.kind not in PICTURES or (self._config.privacy.store_pictures and self._loop.pictures_allowed)
+        if self._recorder is not None and keep:
+            self._recorder.take(topic, payload)
+
     def _tell_place(self, where: Localisation) -> None:
         """On the map thread: a pose that waits behind the disk is worth nothing."""
         try:
@@ -327,7 +334,8 @@ def prepared(config: IrsdConfig, store: Store | None, labels: LabelEncoder) -> C
     namer = open_names(config, labels, missing)
 
     def make(stored: StoredMap | None, map_id: str, taught: Mapping[int, Prototype]) -> MapPipeline:
-        pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes, namer=namer)
+        private = config.privacy.no_pictures_in
+        pipeline = MapPipeline(config.pipeline, labels, map_id=map_id, eyes=eyes, namer=namer, no_pictures_in=private)
         if stored is None:
             pipeline.learn(taught)
         else:

@@ -202,6 +202,11 @@ class MapLoop:
 
         self.call(accept)
 
+    @property
+    def pictures_allowed(self) -> bool:
+        """Whether pictures may be kept where the robot is; of the map thread."""
+        return self._pipeline.pictures_allowed
+
     def relocalise(self, at: tuple[float, float, float] | None) -> None:
         """Where the robot is in the map is looked for from the next sweeps on. at: about where, (x, y, yaw) in the map, or None."""
         resumption = self._resumption

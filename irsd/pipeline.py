@@ -30,6 +30,7 @@ from irsd.graph.scene_graph import SceneGraph, number_of
 from irsd.graph.store import StoredMap
 from irsd.instances.lift import lift
 from irsd.instances.memory import InstanceMemory
+from irsd.instances.room_prior import room_of
 from irsd.lookout import Company, Lookout
 from irsd.mapping.localise import Localiser
 from irsd.mapping.mapper import Mapper
@@ -37,6 +38,7 @@ from irsd.perception.encoder import LabelEncoder
 from irsd.perception.naming import Namer
 from irsd.perception.structure_net import structure_model
 from irsd.perception.worker import Eyes
+from irsd.privacy import is_private
 from irsd.rooms.stage import RoomStage
 from irsd.warm import warm_up
 
@@ -70,9 +72,11 @@ class MapPipeline:
         frame: str = "map",
         eyes: Eyes | None = None,
         namer: Namer | None = None,
+        no_pictures_in: tuple[str, ...] = (),
     ) -> None:
         """eyes: who looks at pictures that come without detections; None: nobody. namer: who names things by shape and picture; with
-        one, what stands alone in the LiDAR's map becomes things, too."""
+        one, what stands alone in the LiDAR's map becomes things, too. no_pictures_in: rooms by id or name in which nobody looks.
+        """
         warm_up()  # compiled kernels are loaded now, not in the first frame
         self._settings = settings
         network = structure_model(settings.mapping.network.model)
@@ -90,6 +94,8 @@ class MapPipeline:
         self._allround = None if namer is None else AllRound(settings.proposals, namer, self._mapper, self._memory)
         self._sweeps_without_rooms = 0
         self._over: tuple[int, ...] = ()
+        self._no_pictures_in = no_pictures_in
+        self.pictures_allowed = True
 
     def step(self, frame: SyncedFrame) -> StepResult:
         """Take one frame through every stage that is due."""
@@ -109,6 +115,9 @@ class MapPipeline:
         # 2. Rooms: the stage looks at the plan now and then, and spreads its work over the scans.
         with _timed(ms, "rooms"):
             followed = self._follow_rooms(frame)
+        if self._no_pictures_in:
+            here = room_of(self._rooms, frame.map_T_base[None, :3, 3].astype(np.float32))
+            self.pictures_allowed = not is_private(self._no_pictures_in, here, self._graph)
 
         # 3. What the cameras saw: masks to 3D points, points to instances.
         for view in frame.views:
@@ -256,8 +265,8 @@ class MapPipeline:
         return {**self._localiser.counters(), **self._mapper.counters(), **seen}
 
     def _must_see(self, stamp_ns: int) -> bool:
-        """The shipped eyes rest while a detector is heard; models that somebody chose see in any case."""
-        return self._allround is None or self._company.alone(stamp_ns)
+        """The shipped eyes rest while a detector is heard; models that somebody chose see in any case. None where it is private."""
+        return self.pictures_allowed and (self._allround is None or self._company.alone(stamp_ns))
 
     def _follow_rooms(self, frame: SyncedFrame) -> bool:
         """Every sweep, unless the budget is so short that even rooms must wait: then False."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from irsd.core.errors import StoreError
-from irsd.core.runtime import Mailbox, Ring, Stopper, wall_clock_ns
+from irsd.core.runtime import Mailbox, Ring, Stopper, monotonic_s, wall_clock_ns
 from irsd.core.settings import setting
 from irsd.ingest import Topic
 from irsd.io import cdr
@@ -64,13 +64,14 @@ class _Item:
 class Recorder:
     """Takes what the map thread consumed; ``run`` is the body of the thread that writes it."""
 
-    def __init__(self, folder: Path, settings: RecordSettings) -> None:
-        """folder: emptied first, a recording is of one life of irsd."""
+    def __init__(self, folder: Path, settings: RecordSettings, retention_days: float) -> None:
+        """folder: emptied first, a recording is of one life of irsd. retention_days: what is older is deleted."""
         self._folder = folder
         self._segment_bytes = max(settings.rolling_mb * 1_000_000 // _SEGMENTS, 1)
         self._items: Ring[_Item] = Ring(_RING)
         self._writer: RecordingWriter | None = None
         self._size, self._number, self._last_ns = 0, 0, 0
+        self._kept_s, self._prune_s = retention_days * 86_400.0, 0.0
         self._why_not = ""
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -104,6 +105,7 @@ class Recorder:
         """The recording thread: until asked to stop, and all is written."""
         while True:
             beat(NAME)
+            self._prune()
             item = self._items.get(0.25)
             if item is None:
                 if stopper.requested:
@@ -154,6 +156,17 @@ class Recorder:
         for old in self._files()[: -_SEGMENTS - 1]:
             old.unlink(missing_ok=True)
             self._why_not = self._why_not or "it is longer than record.rolling_mb holds: its beginning is gone"
+
+    def _prune(self) -> None:
+        """Once a minute. A segment is as old as what was written to it last, so the present one ends here, too."""
+        if monotonic_s() < self._prune_s:
+            return
+        self._prune_s = monotonic_s() + 60.0
+        for file in self._files():
+            if wall_clock_ns() * 1e-9 - file.stat().st_mtime > self._kept_s:
+                self._close()
+                file.unlink(missing_ok=True)
+                self._why_not = self._why_not or "it is older than privacy.retention_days: its beginning is gone"
 
     def _close(self) -> None:
         writer, self._writer = self._writer, None

@@ -13,7 +13,7 @@ def recorder_of(config: IrsdConfig, store: Store | None) -> Recorder | None:
     """The rolling recording, beside it the map from which it starts."""
     if not config.record.rolling_mb or store is None:
         return None
-    recorder = Recorder(store.path.parent / FOLDER, config.record)
+    recorder = Recorder(store.path.parent / FOLDER, config.record, config.privacy.retention_days)
     store.save_as(recorder.start)
     return recorder
 

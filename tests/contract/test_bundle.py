@@ -6,18 +6,26 @@ import json
 import zipfile
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from daemon_here import running
-from test_daemon import KEYS, WAIT_S, ask, drive
+from test_daemon import KEYS, WAIT_S, ask, drive, until
 
 from irsd.bundles import without_secrets
 from irsd.config import IrsdConfig, StoreSettings
 from irsd.core.errors import DecodeError
-from irsd.io.session import Session
+from irsd.ingest import IngestSettings
+from irsd.io import cdr
+from irsd.io.session import CDR, Session
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.settings import PerceptionSettings
+from irsd.privacy import PrivacySettings
 from irsd.record import RecordSettings
 from irsd.reproduce import Reproduction, opened
+from irsd.sensors.replay import read_messages
+
+PICTURES = "/camera/image/compressed"
 
 
 def bundle_of(session: Session, path: Path) -> Path:
@@ -53,6 +61,43 @@ def test_a_bundle_gives_the_same_graph(tmp_path: Path) -> None:
         names = set(archive.namelist())
         assert {"meta.json", "config.yaml", "status.json", "start.sqlite"} <= names
         assert json.loads(archive.read("status.json"))["robot"] == KEYS.robot
+
+
+def show_three(robot: Session, name: str, picture: bytes) -> None:
+    """Three pictures in a room of this name."""
+    assert drive(robot, lambda: bool(ask(robot, KEYS.building)["rooms"]))
+    (room, *_) = ask(robot, KEYS.building)["rooms"]
+    question = json.dumps({"kind": "teach", "target": room, "name": name}).encode()
+    assert robot.get(KEYS.command("edit"), payload=question, timeout_s=WAIT_S)[0].ok
+    frames = ask(robot, KEYS.status)["counts"].get("frames", 0)
+    assert drive(robot, lambda: ask(robot, KEYS.status)["counts"].get("frames", 0) > frames + 2)
+    before = ask(robot, KEYS.status)["sensors"][PICTURES]["decoded"]
+    for _ in range(3):
+        robot.put(PICTURES.lstrip("/"), picture, encoding=CDR)
+    assert until(lambda: ask(robot, KEYS.status)["sensors"][PICTURES]["decoded"] == before + 3)
+
+
+@pytest.mark.parametrize(("store_pictures", "rooms", "kept"), [(False, (), 0), (True, (), 6), (True, ("Bath",), 3)])
+def test_pictures_reach_the_disk_only_where_they_may(
+    tmp_path: Path, store_pictures: bool, rooms: tuple[str, ...], kept: int
+) -> None:
+    config = IrsdConfig(
+        robot=KEYS.robot,
+        store=StoreSettings(directory=str(tmp_path / "state")),
+        record=RecordSettings(200),
+        privacy=PrivacySettings(store_pictures=store_pictures, no_pictures_in=rooms),
+        perception=PerceptionSettings(nano=False),
+        ingest=IngestSettings(images=True, image_queue=10),
+    )
+    header = cdr.make_header(1, "camera")
+    data = cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].ravel()
+    picture = cdr.write(cdr.make(cdr.COMPRESSED_IMAGE, header=header, format="png", data=data))
+    with running(config, LabelEncoder.load()) as (_, robot):
+        for name in ("hall", "bath"):
+            show_three(robot, name, picture)
+        path = bundle_of(robot, tmp_path / "bundle.zip")
+    with opened(path) as bundle:
+        assert sum(message.topic == PICTURES for message in read_messages(bundle.recording)) == kept
 
 
 def test_what_is_no_bundle_is_said(tmp_path: Path) -> None:
