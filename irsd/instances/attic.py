@@ -57,15 +57,15 @@ class Attic:
         self._roster.recall(instance)
 
     def _open(self, place: int, view: int) -> None:
-        data, block = np.frombuffer(self._data[place], np.uint8), int(self._blocks[place])
+        data, block = self._data[place], int(self._blocks[place])
         drop_key(self._table, self._blocks, block)
         self._data[place], self._blocks[place] = b"", EMPTY
         self._free.append(place)
-        instances = [self._roster.by_id[number] for number in read_palette(data).tolist()]
+        instances = [self._roster.by_id[number] for number in read_palette(data)]
         for instance in instances:
             self._roster.recall(instance)
         slots = np.array([instance.slot for instance in instances], np.int32)
-        opened = self._voxels.unpack(data, slots, block, view - 1)
+        opened = self._voxels.unpack(np.frombuffer(data, np.uint8), slots, block, view - 1)
         for instance in instances:
             claimed = opened.slots == instance.slot
             instance.rows.append(opened.rows[claimed.any(1)])
@@ -113,7 +113,7 @@ class Attic:
         place = self._free.pop()
         self._data[place], self._blocks[place] = data, block
         enter_key(self._table, block, place)
-        for number in read_palette(np.frombuffer(data, np.uint8)).tolist():
+        for number in read_palette(data):
             self._roster.by_id[number].blocks.append(block)
 
     def _grow(self) -> None:

@@ -114,9 +114,11 @@ def held(cells: Cells, rows: Rows, slot: int) -> Rows:
     """Those of rows that a slot claims, in their order."""
     out, n = np.empty(len(rows), np.int32), 0
     for row in rows:
-        if (cells.owner[row] == slot).any():
-            out[n] = row
-            n += 1
+        for c in range(CLAIMS):
+            if cells.owner[row, c] == slot:
+                out[n] = row
+                n += 1
+                break
     return out[:n].copy()
 
 

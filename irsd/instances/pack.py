@@ -231,15 +231,11 @@ def pack_all(
 
 
 # ------------------------------------------------------------------------------------------------------------ unpacking
-@kernel
-def read_palette(data: Bytes) -> Ints:
-    """Ids int64 [p] of the instances that a packed block names."""
-    count, at = get(data, 16, 16), _HEAD_BITS
-    out = np.empty(count, np.int64)
-    for k in range(count):
-        out[k] = get(data, at, _ID_BITS)
-        at += _ID_BITS
-    return out
+def read_palette(data: bytes) -> list[int]:
+    """Ids of the instances that a packed block names."""
+    first, size = _HEAD_BITS // 8, _ID_BITS // 8
+    count = int.from_bytes(data[2:4], "little")
+    return [int.from_bytes(data[at : at + size], "little") for at in range(first, first + count * size, size)]
 
 
 @kernel

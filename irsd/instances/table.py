@@ -38,11 +38,12 @@ def new_table(bits: int) -> NDArray[np.int32]:
     return np.zeros(1 << bits, np.int32)
 
 
-def new_index(pages: int) -> Index:
-    """An empty index with room for so many pages."""
+def new_index(pages: int, *, touch: bool = False) -> Index:
+    """An empty index with room for so many pages. touch: see ``new_cells``."""
     bits = max(int(np.ceil(np.log2(2 * pages))), 8)
-    row = np.empty((pages, _PAGE), np.int32)
-    row[:] = 0  # touched now, not in a robot's first pictures
+    row = np.zeros((pages, _PAGE), np.int32)
+    if touch:
+        row[:] = 0
     return Index(
         new_table(bits), np.zeros(pages, np.int64), row, np.zeros(pages, np.int32), np.zeros(pages, np.int32), np.zeros(2, np.int64)
     )  # fmt: skip
@@ -174,9 +175,8 @@ def enter_row(index: Index, key: int, row: int) -> None:
 
 
 @kernel
-def drop_row(index: Index, key: int) -> None:
-    """Forget the row of a voxel, and its page with the last one."""
-    page = find_page(index, page_of(key))
+def drop_row(index: Index, page: int, key: int) -> None:
+    """Forget the row of a voxel of a page, and the page with its last one."""
     index.row[page, spot_of(key)] = 0
     index.held[page] -= 1
     if index.held[page] == 0:

@@ -29,8 +29,8 @@ class VoxelMemory:
 
     def __init__(self, voxel_m: float, capacity: int = 1 << 18) -> None:
         self.per_m = 1.0 / voxel_m
-        self.cells = new_cells(capacity)
-        self._index = new_index(max(capacity // _SHARE, 1))
+        self.cells = new_cells(capacity, touch=True)
+        self._index = new_index(max(capacity // _SHARE, 1), touch=True)
         self._free = np.zeros(capacity, np.int32)
         self.counts = np.zeros(3, np.int64)
 

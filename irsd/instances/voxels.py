@@ -59,9 +59,11 @@ class Cells(NamedTuple):
     mass: Counts
 
 
-def new_cells(capacity: int) -> Cells:
-    raw = np.empty((capacity + 1) * _WORDS, np.int32)
-    raw[:] = 0  # touched now: a robot's first pictures must not wait for the memory to be given
+def new_cells(capacity: int, *, touch: bool = False) -> Cells:
+    """touch: have the system give the memory now, so that a robot's first pictures need not wait for it."""
+    raw = np.zeros((capacity + 1) * _WORDS, np.int32)
+    if touch:
+        raw[:] = 0
     start = -(raw.ctypes.data // 4) % _WORDS
     words = raw[start : start + capacity * _WORDS].reshape(capacity, _WORDS)
     halves = words.view(np.uint16)
@@ -126,8 +128,12 @@ def take_rows(index: Index, cells: Cells, counts: Ints, free: Rows, keys: Ints, 
 @kernel
 def drop_rows(index: Index, cells: Cells, counts: Ints, free: Rows, rows: Rows) -> None:
     """Free rows: their keys are forgotten, their claims with them."""
+    page = 0
     for row in rows:
-        drop_row(index, cells.key[row])
+        page_key = page_of(cells.key[row])
+        if index.key[page] != page_key:
+            page = find_page(index, page_key)
+        drop_row(index, page, cells.key[row])
         cells.key[row] = EMPTY
         for c in range(CLAIMS):
             cells.owner[row, c] = NOBODY

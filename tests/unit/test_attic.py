@@ -79,7 +79,7 @@ def test_a_block_comes_back_as_it_was(seed: int) -> None:
     assert len(memory) == 0
     for k, block in enumerate(blocks.tolist()):
         part = data[ends[k] : ends[k + 1]]
-        slots = (read_palette(part) - 100).astype(np.int32)
+        slots = np.array(read_palette(part.tobytes()), np.int32) - np.int32(100)
         opened = memory.unpack(part, slots, block, 7)
         for row, claims, flags in zip(opened.rows.tolist(), opened.slots, opened.owned, strict=True):
             assert set(claims[flags].tolist()) == owning[int(memory.cells.key[row])]
