@@ -45,7 +45,7 @@ from irsd.io.session import Session, open_session, with_environment
 from irsd.keeper import GeometryKeeper, Keeper
 from irsd.maploop import MapLoop, MapState, Publication
 from irsd.maps import Make, Maps
-from irsd.opening import open_live_eyes, open_names, without_lost_network
+from irsd.opening import lasting_objects, open_live_eyes, open_names, without_lost_network
 from irsd.perception import worker as perception
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.worker import LiveEyes
@@ -323,6 +323,7 @@ class Daemon:
         )
 
 
+@lasting_objects()
 def prepared(config: IrsdConfig, store: Store | None, labels: LabelEncoder) -> Callable[[Session], Daemon]:
     """Everything that takes long, done: models, kernels, the stored map. What is left is to give it a session."""
     stored = stored_map(store, config.store.on_start)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from irsd.config import IrsdConfig
@@ -56,3 +59,15 @@ def without_lost_network(config: IrsdConfig, missing: list[str]) -> IrsdConfig:
     _log.error("walls and floors are told by geometry alone: there is no file %s", network.model)
     mapping = dataclasses.replace(config.pipeline.mapping, network=dataclasses.replace(network, model=""))
     return dataclasses.replace(config, pipeline=dataclasses.replace(config.pipeline, mapping=mapping))
+
+
+@contextmanager
+def lasting_objects() -> Iterator[None]:
+    """What is made inside stays: a stored map is millions of objects, and to look through them again and again for garbage costs a
+    tenth of the start. Nor is the collector shown them later."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()

@@ -7,6 +7,7 @@ Every document starts with ``schema`` (``irs/<name>/<version>``), ``seq`` and ``
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import re
@@ -188,36 +189,59 @@ def _build(kind: type[T], document: Any, path: str) -> T:
     if not isinstance(document, dict):
         raise DecodeError(f"{path}: expected an object, got {type(document).__name__}")
     # A field with a default may be missing: it is younger than the document.
-    missing, extra = hints.keys() - document.keys() - _defaults(kind), document.keys() - hints.keys()
+    missing, extra = (
+        hints.keys() - document.keys() - _defaults(typing.cast(typing.Hashable, kind)),
+        document.keys() - hints.keys(),
+    )
     if missing or extra:
         raise DecodeError(f"{path}: missing {sorted(missing)}, unknown {sorted(extra)}")
     return kind(**{name: _value(hints[name], document[name], f"{path}.{name}") for name in hints if name in document})
 
 
-def _defaults(kind: type[Any]) -> set[str]:
-    return {field.name for field in dataclasses.fields(kind) if field.default is not dataclasses.MISSING}
+@functools.cache
+def _defaults(kind: Any) -> frozenset[str]:
+    return frozenset(field.name for field in dataclasses.fields(kind) if field.default is not dataclasses.MISSING)
 
 
 def _value(wanted: Any, value: Any, path: str) -> Any:
     """The JSON value as the declared type. Whole numbers pass as floats."""
-    if dataclasses.is_dataclass(wanted):
+    kind, arguments = _shape(wanted)
+    if kind == "dataclass":
         return _build(typing.cast(type[Any], wanted), value, path)
-    origin, arguments = typing.get_origin(wanted), typing.get_args(wanted)
-    if origin is types.UnionType:  # X | None is the only union in the model
+    if kind == "optional":
         return None if value is None else _value(arguments[0], value, path)
-    if origin is tuple:
-        if not isinstance(value, list):
-            raise DecodeError(f"{path}: expected a list, got {type(value).__name__}")
-        if len(arguments) == 2 and arguments[1] is ...:
-            return tuple(_value(arguments[0], item, f"{path}[{k}]") for k, item in enumerate(value))
-        if len(value) != len(arguments):
-            raise DecodeError(f"{path}: expected {len(arguments)} items, got {len(value)}")
-        return tuple(_value(w, v, f"{path}[{k}]") for k, (w, v) in enumerate(zip(arguments, value, strict=True)))
+    if kind == "tuple":
+        return _tuple(arguments, value, path)
     if wanted is float and isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
         return float(value)
     if type(value) is not wanted or wanted is float:
         raise DecodeError(f"{path} = {value!r}: expected {wanted.__name__}")
     return value
+
+
+def _tuple(wanted: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
+    """A JSON list as a tuple of these types; (X, ...) is one of any length."""
+    if not isinstance(value, list):
+        raise DecodeError(f"{path}: expected a list, got {type(value).__name__}")
+    if len(wanted) == 2 and wanted[1] is ...:
+        wanted = (wanted[0],) * len(value)
+    if len(value) != len(wanted):
+        raise DecodeError(f"{path}: expected {len(wanted)} items, got {len(value)}")
+    # Numbers are most of a map, and paths are for errors only. A sum that is finite has no term that is not.
+    if all(w is float and type(v) is float for w, v in zip(wanted, value, strict=True)) and math.isfinite(sum(value)):
+        return tuple(value)
+    return tuple(_value(w, v, f"{path}[{k}]") for k, (w, v) in enumerate(zip(wanted, value, strict=True)))
+
+
+@functools.cache
+def _shape(wanted: Any) -> tuple[str, tuple[Any, ...]]:
+    """What kind of type a declared one is, and its parts."""
+    origin, arguments = typing.get_origin(wanted), typing.get_args(wanted)
+    if dataclasses.is_dataclass(wanted):
+        return "dataclass", ()
+    if origin is types.UnionType:  # X | None is the only union in the model
+        return "optional", arguments
+    return ("tuple" if origin is tuple else "plain"), arguments
 
 
 # ---------------------------------------------------------------------------------------------------- arrays
