@@ -48,11 +48,7 @@ class EditCommands:
 
     def _edit(self, asked: dict[str, Any]) -> dict[str, Any]:
         """{"kind", "target", "name"?, "others"?} -> {"edit", "seq"}."""
-        others = asked.pop("others", [])
-        if not isinstance(others, list) or not all(isinstance(i, str) for i in others):
-            raise EditError("others: must be a list of ids")
-        request = Request(text(asked, "kind"), text(asked, "target", ""), text(asked, "name", ""), tuple(others))
-        nothing_more(asked)
+        request = read_edit(asked)
         what = {"do": "edit", **dataclasses.asdict(request)}
         return self._loop.change(lambda pipeline: _told(*pipeline.edit(request)), what)
 
@@ -117,13 +113,8 @@ class MapCommands:
 
         Answered once it is found, or after wait_s (0..60); the search goes on in any case.
         """
-        at, wait_s = asked.pop("at", None), asked.pop("wait_s", 0.0)
-        nothing_more(asked)
-        if at is not None and (not isinstance(at, list) or len(at) != 3 or not all(map(_is_number, at))):
-            raise EditError("at: must be [x, y, yaw] in the map, metres and radians")
-        if not _is_number(wait_s) or not 0 <= wait_s <= 60:
-            raise EditError("wait_s: must be a number from 0 to 60")
-        self._loop.relocalise(None if at is None else (float(at[0]), float(at[1]), float(at[2])))
+        at, wait_s = read_place(asked)
+        self._loop.relocalise(at)
         end_s = monotonic_s() + wait_s
         while not self._resumption.trusted and monotonic_s() < end_s:
             sleep_s(0.05)
@@ -182,6 +173,27 @@ def read_question(payload: bytes) -> dict[str, Any]:
     if not isinstance(asked, dict):
         raise EditError("a command is a JSON object")
     return asked
+
+
+def read_edit(asked: dict[str, Any]) -> Request:
+    """What ``cmd/edit`` asks for. EditError for anything else."""
+    others = asked.pop("others", [])
+    if not isinstance(others, list) or not all(isinstance(i, str) for i in others):
+        raise EditError("others: must be a list of ids")
+    request = Request(text(asked, "kind"), text(asked, "target", ""), text(asked, "name", ""), tuple(others))
+    nothing_more(asked)
+    return request
+
+
+def read_place(asked: dict[str, Any]) -> tuple[tuple[float, float, float] | None, float]:
+    """What ``cmd/relocalise`` asks for: about where the robot is, and how many seconds to wait. EditError for anything else."""
+    at, wait_s = asked.pop("at", None), asked.pop("wait_s", 0.0)
+    nothing_more(asked)
+    if at is not None and (not isinstance(at, list) or len(at) != 3 or not all(map(_is_number, at))):
+        raise EditError("at: must be [x, y, yaw] in the map, metres and radians")
+    if not _is_number(wait_s) or not 0 <= wait_s <= 60:
+        raise EditError("wait_s: must be a number from 0 to 60")
+    return None if at is None else (float(at[0]), float(at[1]), float(at[2])), float(wait_s)
 
 
 def text(asked: dict[str, Any], name: str, default: str | None = None) -> str:

@@ -44,14 +44,14 @@ def localisation_from_json(payload: bytes) -> Localisation:
         document: dict[str, Any] = json.loads(payload)
         if document["schema"] != SCHEMA or document["state"] not in STATES:
             raise ValueError(f"schema {document['schema']!r}, state {document['state']!r}")
-        map_T_odom, map_T_base = (
-            pose_from_xy_yaw(*(float(document[name][k]) for k in ("x", "y", "yaw", "z")))
-            for name in ("map_T_odom", "map_T_base")
-        )
+        places = [[float(document[name][k]) for k in ("x", "y", "yaw", "z")] for name in ("map_T_odom", "map_T_base")]
+        if not all(math.isfinite(value) for place in places for value in place):
+            raise ValueError("a place is not finite")
+        map_T_odom, map_T_base = (pose_from_xy_yaw(*place) for place in places)
         return Localisation(
             int(document["stamp_ns"]), str(document["odom_frame"]), map_T_odom, map_T_base, document["state"]
         )
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise DecodeError(f"no {SCHEMA} document: {error!r}") from error
 
 

@@ -65,7 +65,19 @@ def test_documents_keep_their_schema_and_their_values(x: float, y: float, yaw: f
     np.testing.assert_allclose(back.map_T_base, where(x, y, yaw).map_T_base, atol=1e-5)
 
 
-@pytest.mark.parametrize("payload", [b"", b"[]", b"{}", b"\xff", b'{"schema": "irs/localisation/1", "state": "map"}'])
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b"\xff",
+        b'{"schema": "irs/localisation/1", "state": "map"}',
+        b"[" * 100_000,
+        localisation_to_json(where(1, 2, 3), seq=1, frame="map").replace(b'"stamp_ns": 5', b'"stamp_ns": 1e999'),
+        localisation_to_json(where(1, 2, 3), seq=1, frame="map").replace(b'"yaw": 3.0', b'"yaw": NaN'),
+    ],
+)
 def test_other_bytes_are_refused(payload: bytes) -> None:
     with pytest.raises(DecodeError, match="irs/localisation/1"):
         localisation_from_json(payload)

@@ -13,21 +13,37 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import count
 
 import cv2
 import navigation_house as house
 import numpy as np
 
+from irsd.commands import read_edit, read_place, read_question
 from irsd.core.errors import DecodeError, IrsdError
 from irsd.core.geometry import make_pose
-from irsd.core.types import CameraImage, CameraModel, LidarScan, OdomSample, StaticTransform
+from irsd.core.grid import GridFrame
+from irsd.core.types import (
+    CameraImage,
+    CameraModel,
+    InstanceState,
+    InstanceUpdate,
+    LidarScan,
+    Localisation,
+    OdomSample,
+    StaticTransform,
+)
 from irsd.graph import codec
+from irsd.graph.builder import GraphBuilder, GraphSettings
 from irsd.graph.model import GraphDelta
 from irsd.ingest import IngestSettings, SensorDecoder
 from irsd.io import cdr, keys
+from irsd.io.localisation import localisation_from_json, localisation_to_json
 from irsd.io.messages import error_text, parameters
 from irsd.perception.aliases import AliasTable
 from irsd.perception.detections import DetectionPairer
+from irsd.perception.encoder import LabelEncoder
+from irsd.plans import Plan, plan_from_bytes, plan_to_bytes
 from irsd.sensors import encode
 from irsd.sensors.decode import KINDS, decode, decode_detection_ids
 from irsd.sensors.sync import Synchronizer, SyncSettings
@@ -106,7 +122,7 @@ def one_input(target: Target, number: int) -> bytes:
 # -------------------------------------------------------------------------------------------------------------- targets
 def targets() -> tuple[Target, ...]:
     """All of them."""
-    return (*_decoders(), _chain(), *_documents(), *_questions())
+    return (*_decoders(), _chain(), *_documents(), *_questions(), *_commands())
 
 
 def _decoders() -> Iterator[Target]:
@@ -277,6 +293,28 @@ def _questions() -> Iterator[Target]:
     yield Target(
         "nav.goto", (goal.encode(), "去实验室的电视".encode(), '{"query": "к холодильнику на кухне"}'.encode()), asked
     )
+
+
+def _commands() -> Iterator[Target]:
+    """What operators' questions are made of, and files that come from elsewhere."""
+    state = InstanceState(1, np.ones((5, 3), np.float32), None, (("chair", 0.9),), 0, 9, 0.9, 1, 2)
+    builder = GraphBuilder(GraphSettings(), LabelEncoder.load(), "map", "m")
+    builder.build(None, InstanceUpdate(5, (state,), (), ()), 9)
+    numbers = count(2)
+    teach = b'{"kind": "teach", "target": "I1", "name": "centrifuge"}'
+    merge = b'{"kind": "merge", "target": "I1", "others": ["I2", "../x"]}'
+
+    def edit(data: bytes) -> None:
+        builder.edit(read_edit(read_question(data)), 7, lambda: next(numbers))
+        builder.undo(8)
+
+    plan = Plan(GridFrame((0.0, 0.0), 0.05, 12, 9), 0.0, *np.ones((2, 12, 9), np.bool_))
+    yield Target("cmd.edit", (teach, merge), edit)
+    place = b'{"at": [1.0, 2.0, 0.5], "wait_s": 5}'
+    yield Target("cmd.relocalise", (place,), lambda data: read_place(read_question(data)))
+    yield Target("plan", (plan_to_bytes(plan),), plan_from_bytes)
+    where = Localisation(5, "odom", np.eye(4), np.eye(4), "map")
+    yield Target("localisation", (localisation_to_json(where, seq=1, frame="map"),), localisation_from_json)
 
 
 def _text(data: bytes) -> str:
