@@ -1,6 +1,6 @@
 """A start on a stored map of 10,000 things in 300 rooms: how long until READY, how long irsctl status takes, how much memory.
 
-    python benchmarks/large_map.py [--things 10000] [--rooms 300]
+    python benchmarks/large_map.py [--things 10000] [--rooms 300] [--recording ../shared/data/small_house/small_house.mcap]
 
 The store is written by the product's own store from a generated site; the daemon is a process of its own, told of by sd_notify.
 CPU seconds are printed beside the wall's, for machines that are busy with something else.
@@ -22,9 +22,15 @@ import numpy as np
 import psutil
 from large_site import make_site
 
+from irsd.config import IrsdConfig
 from irsd.graph.model import InstanceArrays
 from irsd.graph.store import Store, StoredMap
+from irsd.ingest import SensorDecoder
+from irsd.perception.encoder import LabelEncoder
+from irsd.pipeline import MapPipeline
 from irsd.plans import PLAN, Plan, plan_to_bytes
+from irsd.sensors.replay import read_messages
+from irsd.sensors.sync import Synchronizer, SyncSettings
 
 ROBOT = "large"
 
@@ -76,6 +82,33 @@ def measure(folder: Path) -> list[tuple[str, str, str]]:
     ]
 
 
+def step_ms(folder: Path, recording: Path) -> tuple[float, float]:
+    """CPU milliseconds of a step beside the stored map and beside none, over the same frames in turn; the first ten don't count."""
+    labels, sync, config = LabelEncoder.load(), Synchronizer(SyncSettings()), IrsdConfig()
+    decoder = SensorDecoder(config.ingest)
+    store = Store(folder / ROBOT)
+    stored = store.load()
+    store.close()
+    assert stored is not None
+    large, empty = (MapPipeline(config.pipeline, labels, map_id=stored.snapshot.map_id) for _ in range(2))
+    large.restore(stored)
+    times: list[tuple[float, ...]] = []
+    for message in read_messages([recording, recording.with_name("small_house.detections.mcap")]):
+        for sensed in decoder.decode(message.topic, message.data):
+            sync.push(sensed)
+        for frame in sync.pop():
+            marks = [time.thread_time()]
+            for pipeline in (large, empty) if len(times) % 2 else (empty, large):
+                pipeline.step(frame)
+                marks.append(time.thread_time())
+            passed = np.diff(marks)
+            times.append(tuple(passed if len(times) % 2 else passed[::-1]))
+        if len(times) >= 400:
+            break
+    beside, alone = np.mean(times[10:], axis=0) * 1e3
+    return float(beside), float(alone)
+
+
 def ask(endpoint: str) -> tuple[float, float]:
     """(wall, CPU) seconds of one irsctl status, its process included."""
     began_s, before = time.monotonic(), os.times()
@@ -91,12 +124,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--things", type=int, default=10_000)
     parser.add_argument("--rooms", type=int, default=300)
+    parser.add_argument(
+        "--recording", type=Path, help="small_house.mcap, to compare steps beside this map and beside none"
+    )
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         size_mb = write_store(Path(scratch), arguments.rooms, arguments.things)
         print(f"{arguments.things} things in {arguments.rooms} rooms, {size_mb:.0f} MB on disk")
         for what, found, bar in measure(Path(scratch)):
             print(f"{what:40s} {found:>16s}   {bar}")
+        if arguments.recording is not None:
+            beside, alone = step_ms(Path(scratch), arguments.recording)
+            print(
+                f"{'CPU of a step, ms, beside it and alone':40s} {beside:7.1f} {alone:7.1f}   {beside / alone:.2f} <= 1.3"
+            )
     return 0
 
 

@@ -151,6 +151,8 @@ class InstanceArrays:
 
 def building_of(node_id: str, name: str, rooms: tuple[RoomNode, ...]) -> BuildingNode:
     """The root over these rooms: a floor is as high as the lowest floor of its rooms; one without rooms lies at 0."""
-    heights = {room.floor: min(r.floor_z_m for r in rooms if r.floor == room.floor) for room in rooms}
+    heights: dict[int, float] = {}
+    for room in rooms:
+        heights[room.floor] = min(room.floor_z_m, heights.get(room.floor, room.floor_z_m))
     floors = tuple(heights.get(k, 0.0) for k in range(max(heights, default=-1) + 1))
     return BuildingNode(node_id, name, tuple(room.id for room in rooms), floors)

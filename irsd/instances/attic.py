@@ -94,7 +94,7 @@ class Attic:
         for instance in sleepers:
             if instance.outline is None and len(instance.owned):
                 step = -(-len(instance.owned) // _OUTLINE)
-                instance.outline = cells.point[instance.owned[::step]]
+                instance.outline, instance.boxed = cells.point[instance.owned[::step]], None
             note_owned(cells, owned, instance.owned, instance.slot)
         data, ends = pack_all(cells, things.level, things.id, rows, offset, owned, limits, voxels.per_m)
         for k, block in enumerate(blocks.tolist()):

@@ -7,6 +7,7 @@ seldom for how often it could have been seen is never published. Work per pictur
 
 from __future__ import annotations
 
+from array import array
 from collections import deque
 from collections.abc import Sequence
 
@@ -23,6 +24,7 @@ from irsd.instances.known import known_things
 from irsd.instances.lift import LiftedView
 from irsd.instances.record import NO_ROWS, Embed, Instance, Names
 from irsd.instances.rim import rim_weights
+from irsd.instances.room_changes import may_have_moved
 from irsd.instances.room_prior import room_of, rooms_of_all
 from irsd.instances.roster import Roster
 from irsd.instances.settings import FusionSettings
@@ -194,16 +196,26 @@ class InstanceMemory:
 
     # ------------------------------------------------------------------------------------------------ rooms
     def follow_rooms(self, rooms: Rooms | None) -> None:
-        """When the rooms changed, every instance's room is found anew (not per picture: rooms change seldom)."""
+        """When the rooms changed, the room of every instance that stands where they changed is found anew."""
         if rooms is self._rooms:
             return
-        self._rooms = rooms
-        for instance in self._roster.by_id.values():
-            if instance.somewhere:
-                outline = instance.outline
-                points = self._voxels.cells.point[instance.owned] if outline is None else outline
-                if self._roster.move(instance, room_of(rooms, points)):
-                    self._touched[instance.id] = None
+        before, self._rooms = self._rooms, rooms
+        there = [instance for instance in self._roster.by_id.values() if instance.somewhere]
+        boxes_xy = np.array([self._box_xy(instance) for instance in there], np.float32).reshape(-1, 4)
+        for k in np.flatnonzero(may_have_moved(before, rooms, boxes_xy)).tolist():
+            if self._roster.move(there[k], room_of(rooms, self._points_of(there[k]))):
+                self._touched[there[k].id] = None
+
+    def _points_of(self, instance: Instance) -> Floats:
+        outline = instance.outline
+        return self._voxels.cells.point[instance.owned] if outline is None else outline
+
+    def _box_xy(self, instance: Instance) -> array[float]:
+        source = instance.owned if instance.outline is None else instance.outline
+        if instance.boxed is not source:
+            points = self._points_of(instance)[:, :2]
+            instance.boxed, instance.box_xy = source, array("f", [*points.min(0), *points.max(0)])
+        return instance.box_xy
 
     # ------------------------------------------------------------------------------------------------ collecting
     def collect(self, stamp_ns: int) -> InstanceUpdate:

@@ -61,6 +61,7 @@ class Instance:
     beside: id of another instance -> (pictures in which one mask covered both, pictures in which each had its own).
     moved: it stands elsewhere than where it was first found. views: the last pictures that had a mask of it.
     blocks: keys of blocks at rest that hold voxels of it (see ``attic``); outline: some of its points float32 [k, 3] meanwhile.
+    box_xy: (x0, y0, x1, y1) of its points, good for as long as ``boxed`` is what it owns or its outline.
     numbers: what ``Things`` held of it, while it has no slot (slot = NOBODY).
     """
 
@@ -80,6 +81,8 @@ class Instance:
     views: array[int] = field(default_factory=lambda: array("i"))
     blocks: array[int] = field(default_factory=lambda: array("q"))
     outline: Floats | None = None
+    boxed: Rows | Floats | None = None
+    box_xy: array[float] = field(default_factory=lambda: array("f"))
     numbers: Numbers | None = None
 
     @property
