@@ -25,6 +25,7 @@ __all__ = ["PlanSource", "RoomSettings", "RoomStage"]
 
 _MAX_WALL_POINTS = 40_000  # more do not make a wall's line better
 _MAX_PATH = 4096
+_CELLS_A_CALL = 1_000_000  # of the plan (2500 m2 at 5 cm): the work on a larger one rests, so that a scan costs the same in the mean
 _EAGER_PASSES, _WALLS_EVERY = 8, 4  # wall points are fetched after each of the first passes, then after every fourth
 
 
@@ -52,6 +53,7 @@ class RoomStage:
         self._path: list[tuple[float, float]] = []
         self._running: Generator[None, None, Rooms] | None = None
         self._waited = 0
+        self._pause = self._resting = 0
         self._walls_due = True
         self._passes = 0
 
@@ -85,6 +87,10 @@ class RoomStage:
         if self._rooms is None:
             return finished(self._work(source.plan_evidence(), None))
         if self._running is not None:
+            if self._resting:
+                self._resting -= 1
+                return self._settled(self._rooms)
+            self._resting = self._pause
             return self._step(self._running)
         if self._waited % self._settings.look_every:
             if self._walls_due:
@@ -94,6 +100,7 @@ class RoomStage:
         if not self._due(evidence):
             return self._settled(self._rooms)
         self._running = self._work(evidence, self._walls)
+        self._pause = self._resting = self._rooms.labels.size // _CELLS_A_CALL
         return self._settled(self._rooms)
 
     def update(
