@@ -235,13 +235,17 @@ def drop_rights(unit: Unit, program: str) -> bool:
 
 
 def _may_run(user: pwd.struct_passwd, program: str) -> bool:
-    """Whether the user may execute the program, asked by becoming the user."""
+    """Whether the user may execute the program and what interprets it, asked by becoming the user."""
+    path = Path(shutil.which(program) or program)
+    with path.open("rb") as file:
+        first = file.readline(256)
+    needed = [path, *([first[2:].split()[0].decode()] if first.startswith(b"#!") else [])]
     child = os.fork()
     if child == 0:
         os.setgroups([])
         os.setgid(user.pw_gid)
         os.setuid(user.pw_uid)
-        os._exit(0 if os.access(shutil.which(program) or program, os.X_OK) else 1)
+        os._exit(0 if all(os.access(each, os.X_OK) for each in needed) else 1)
     return os.waitpid(child, 0)[1] == 0
 
 

@@ -200,7 +200,7 @@ class InstanceMemory:
         if rooms is self._rooms:
             return
         before, self._rooms = self._rooms, rooms
-        there = [instance for instance in self._roster.by_id.values() if instance.somewhere]
+        there = [i for i in self._roster.by_id.values() if len(i.owned if i.outline is None else i.outline)]
         boxes_xy = np.array([self._box_xy(instance) for instance in there], np.float32).reshape(-1, 4)
         for k in np.flatnonzero(may_have_moved(before, rooms, boxes_xy)).tolist():
             if self._roster.move(there[k], room_of(rooms, self._points_of(there[k]))):

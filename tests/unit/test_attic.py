@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from array import array
 
 import numpy as np
 import pytest
@@ -184,6 +185,19 @@ def test_rooms_reach_what_is_at_rest() -> None:
     world.rooms = two_rooms()
     world.look(("sofa", box(1)))
     assert {s.labels[0][0]: s.room for s in world.collect().changed} == {"chair": 1, "sofa": 2}
+
+
+def test_what_owns_no_voxel_awake_or_in_its_outline_keeps_its_room_when_rooms_change() -> None:
+    world = World(dataclasses.replace(FusionSettings(), rest_views=4))
+    world.look(("chair", box(-1)), ("sofa", box(1)), times=4)
+    world.collect()
+    (chair, sofa) = (world.memory._roster.by_id[s.id] for s in world.memory.states())
+    chair.owned, chair.blocks = chair.owned[:0], array("q", [1])  # what it owns is at rest, what it only claims is not
+    world.memory.follow_rooms(two_rooms())
+    assert [world.memory._roster.things.room[i.slot] for i in (chair, sofa)] == [0, 2]
+    chair.outline = np.zeros((0, 3), np.float32)
+    world.memory.follow_rooms(None)
+    assert world.memory._roster.things.room[chair.slot] == 0
 
 
 def test_a_stored_map_of_many_things_is_put_to_rest_at_once() -> None:
