@@ -23,12 +23,13 @@ import psutil
 from large_site import make_site
 
 from irsd.config import IrsdConfig
+from irsd.core.types import Plan
 from irsd.graph.model import InstanceArrays
 from irsd.graph.store import Store, StoredMap
 from irsd.ingest import SensorDecoder
 from irsd.perception.encoder import LabelEncoder
 from irsd.pipeline import MapPipeline
-from irsd.plans import PLAN, Plan, plan_to_bytes
+from irsd.plans import PLAN, plan_to_bytes
 from irsd.sensors.replay import read_messages
 from irsd.sensors.sync import Synchronizer, SyncSettings
 

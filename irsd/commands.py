@@ -14,7 +14,6 @@ from typing import Any
 
 from irsd.bundles import Bundles
 from irsd.core.errors import EditError
-from irsd.core.runtime import monotonic_s, sleep_s
 from irsd.graph.codec import edit_to_json
 from irsd.graph.edits import Request
 from irsd.graph.model import Edit
@@ -109,15 +108,13 @@ class MapCommands:
         return {"seq": self._loop.snapshot.get().seq}
 
     def _relocalise(self, asked: dict[str, Any]) -> dict[str, Any]:
-        """{"at"?: [x, y, yaw], "wait_s"?} -> {"found", "problem"}: the robot is looked for from the next sweeps on.
+        """{"at"?: [x, y, yaw], "begin"?} -> {"found", "problem"}: the robot is looked for from the next sweeps on.
 
-        Answered once it is found, or after wait_s (0..60); the search goes on in any case.
+        Answered at once: there are few threads for questions, and a search ends when sweeps have come. begin false: how far is it?
         """
-        at, wait_s = read_place(asked)
-        self._loop.relocalise(at)
-        end_s = monotonic_s() + wait_s
-        while not self._resumption.trusted and monotonic_s() < end_s:
-            sleep_s(0.05)
+        at, begin = read_place(asked)
+        if begin:
+            self._loop.relocalise(at)
         return {"found": self._resumption.trusted, "problem": self._resumption.problem}
 
     def _export(self, query: Query) -> None:
@@ -185,15 +182,15 @@ def read_edit(asked: dict[str, Any]) -> Request:
     return request
 
 
-def read_place(asked: dict[str, Any]) -> tuple[tuple[float, float, float] | None, float]:
-    """What ``cmd/relocalise`` asks for: about where the robot is, and how many seconds to wait. EditError for anything else."""
-    at, wait_s = asked.pop("at", None), asked.pop("wait_s", 0.0)
+def read_place(asked: dict[str, Any]) -> tuple[tuple[float, float, float] | None, bool]:
+    """What ``cmd/relocalise`` asks for: about where the robot is, and whether a search begins. EditError for anything else."""
+    at, begin = asked.pop("at", None), asked.pop("begin", True)
     nothing_more(asked)
     if at is not None and (not isinstance(at, list) or len(at) != 3 or not all(map(_is_number, at))):
         raise EditError("at: must be [x, y, yaw] in the map, metres and radians")
-    if not _is_number(wait_s) or not 0 <= wait_s <= 60:
-        raise EditError("wait_s: must be a number from 0 to 60")
-    return None if at is None else (float(at[0]), float(at[1]), float(at[2])), float(wait_s)
+    if not isinstance(begin, bool):
+        raise EditError("begin: must be true or false")
+    return None if at is None else (float(at[0]), float(at[1]), float(at[2])), begin
 
 
 def text(asked: dict[str, Any], name: str, default: str | None = None) -> str:

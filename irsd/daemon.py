@@ -51,10 +51,9 @@ from irsd.perception.encoder import LabelEncoder
 from irsd.perception.worker import LiveEyes
 from irsd.pipeline import MapPipeline
 from irsd.privacy import PICTURES
-from irsd.resume import Resumption
 from irsd.sensors.sync import Synchronizer
 from irsd.sensors.watch import SensorWatch
-from irsd.stored import open_store, recorder_of, stored_map
+from irsd.stored import open_store, recorder_of, resumption_of, stored_map
 
 _log = logging.getLogger(__name__)
 
@@ -99,13 +98,7 @@ class Daemon:
         self._recorder = recorder_of(config, store)
         taken = None if self._recorder is None else self._record
         self._ingest = Ingest(session, config.ingest, wake, self._watch, taken)
-        geometry = {} if stored is None else stored.geometry
-        self._resumption = Resumption(
-            config.pipeline.mapping,
-            geometry,
-            search=config.store.on_start == "relocalise",
-            max_speed_mps=config.watch.max_speed_mps,
-        )
+        self._resumption = resumption_of(config, stored)
         self._loop = self._make_loop(pipeline, wake)
         self._keeper = Keeper(store, self._counts, lambda: self._loop.call(lambda p: p.whole()))
         self._publisher = GraphPublisher(

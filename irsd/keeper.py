@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 from irsd.core.errors import IrsdError, StoreError, TransportError
 from irsd.core.geometry import Pose
 from irsd.core.runtime import Cell, Counters, Mailbox, Ring, monotonic_s
+from irsd.core.types import Plan
 from irsd.graph.edits import known_prototypes
 from irsd.graph.store import Store, StoredMap
 from irsd.maploop import MapLoop, Publication
 from irsd.pipeline import MapPipeline
-from irsd.plans import CORRECTION, PLAN, Plan, plan_of, plan_to_bytes, pose_to_bytes
+from irsd.plans import CORRECTION, PLAN, plan_of, plan_to_bytes, pose_to_bytes
 from irsd.resume import Resumption
 
 T = TypeVar("T")

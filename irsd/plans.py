@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from irsd.core.errors import DecodeError
 from irsd.core.geometry import Pose, transform
 from irsd.core.grid import GridFrame
-from irsd.core.types import PlanEvidence
+from irsd.core.types import Plan, PlanEvidence
 
 CORRECTION = "map_T_odom"  # geometry of this name: where odometry's frame lay in the map
 PLAN = "plan/"  # geometry of this name: the plan of a floor
@@ -26,16 +26,6 @@ _MAX_CELLS = 1 << 28
 _NEAR_M = 0.1  # a wall this near to a stored one is that wall
 SHARED_M2 = 4.0  # of known floor that must be common to tell anything
 _WALLS, _BLOCKED = 0.7, 0.1  # least share of walls on walls, most of free floor on walls
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A floor from above: wall and free, bool [H, W] on ``frame``."""
-
-    frame: GridFrame
-    floor_z_m: float
-    wall: NDArray[np.bool_]
-    free: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,9 +25,9 @@ from irsd.opening import open_names
 from irsd.perception.encoder import LabelEncoder
 from irsd.pipeline import MapPipeline
 from irsd.record import EVENTS, START
-from irsd.resume import Resumption
 from irsd.sensors.replay import RawMessage, read_messages
 from irsd.sensors.sync import Synchronizer
+from irsd.stored import resumption_of
 
 _log = logging.getLogger(__name__)
 
@@ -88,13 +88,7 @@ class Reproduction:
             self.pipeline.restore(stored)
         else:
             self.pipeline.learn(taught)
-        geometry = {} if stored is None else stored.geometry
-        self._resumption = Resumption(
-            settings.pipeline.mapping,
-            geometry,
-            search=settings.store.on_start == "relocalise",
-            max_speed_mps=settings.watch.max_speed_mps,
-        )
+        self._resumption = resumption_of(settings, stored)
         self._decoder, self._sync = SensorDecoder(settings.ingest), Synchronizer(settings.sync)
         self._sensed: list[Sensed] = []
         self._waiting: deque[SyncedFrame] = deque()

@@ -13,13 +13,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from irsd.core.geometry import Pose, invert, yaw_of
+from irsd.core.geometry import Pose, farthest_step, invert, yaw_of
 from irsd.core.runtime import Cell
-from irsd.core.types import PlanEvidence, SyncedFrame
+from irsd.core.types import Plan, PlanEvidence, SyncedFrame
 from irsd.mapping.localise import moved
 from irsd.mapping.mapper import Mapper, MappingSettings
-from irsd.mapping.relocalise import Near, PlanView, find_place
-from irsd.plans import CORRECTION, PLAN, SHARED_M2, Agreement, Plan, compare, plan_from_bytes, plan_of, pose_from_bytes
+from irsd.mapping.relocalise import Near, find_place
+from irsd.plans import CORRECTION, PLAN, SHARED_M2, Agreement, compare, plan_from_bytes, plan_of, pose_from_bytes
 
 _log = logging.getLogger(__name__)
 
@@ -27,10 +27,6 @@ _LOOKS = 5  # sweeps before the first verdict
 _AGAIN_EVERY, _LAST_LOOK = 10, 300  # sweeps between the later ones, and after which it is left to the operator
 _SEARCH_EVERY = 80  # sweeps between two searches at most: they come after 5, 10, 20, 40, ... sweeps
 _OFF_M, _OFF_RAD = 1.5, 0.6  # by how much an operator's word of the place may be off
-
-
-_TURN_RAD_S = 6.0  # no robot turns faster
-_SLACK_M, _SLACK_RAD = 0.2, 0.2  # what odometry may step besides
 
 
 class Present(Protocol):
@@ -149,8 +145,8 @@ class Resumption:
     def _jumped(self, before: SyncedFrame, frame: SyncedFrame) -> bool:
         step = invert(before.map_T_base) @ frame.map_T_base
         passed_s = max(frame.stamp_ns - before.stamp_ns, 0) * 1e-9
-        too_far = float(np.hypot(*step[:2, 3])) > self._max_speed_mps * passed_s + _SLACK_M
-        return too_far or abs(yaw_of(step)) > _TURN_RAD_S * passed_s + _SLACK_RAD
+        most_m, most_rad = farthest_step(passed_s, self._max_speed_mps)
+        return float(np.hypot(*step[:2, 3])) > most_m or abs(yaw_of(step)) > most_rad
 
     def _doubt(self, present: Present) -> None:
         """Odometry has jumped: to where the robot is now (a gap in it), or because it began anew. A map of nothing can't tell."""
@@ -194,7 +190,7 @@ class Resumption:
             x, y, yaw = self._at
             near = Near(x, y, _OFF_M, yaw - yaw_of(frame.map_T_base), _OFF_RAD)
         robot_x, robot_y = frame.map_T_base[:2, 3].tolist()
-        found = find_place(_view(now), (robot_x, robot_y), _view(stored), near)
+        found = find_place(now, (robot_x, robot_y), stored, near)
         return _Verdict(compare(now, stored, found.stored_T_now), found.stored_T_now, found.refused)
 
     def _plans(self, scratch: Mapper) -> tuple[Plan, Plan]:
@@ -216,7 +212,3 @@ class Resumption:
         if text.split("(")[0] != self._problem.get().split("(")[0]:
             _log.warning("%s: nothing is merged until it fits, or irsctl relocalise or irsctl map decides", text)
         self._problem.set(text)
-
-
-def _view(plan: Plan) -> PlanView:
-    return PlanView(plan.frame, plan.wall, plan.free)

@@ -7,6 +7,7 @@ from irsd.graph.edits import known_prototypes
 from irsd.graph.store import Store, StoredMap
 from irsd.maps import PREVIOUS, SNAPSHOTS, SUFFIX
 from irsd.record import FOLDER, Recorder
+from irsd.resume import Resumption
 
 
 def recorder_of(config: IrsdConfig, store: Store | None) -> Recorder | None:
@@ -33,3 +34,13 @@ def open_store(config: IrsdConfig) -> Store | None:
     if not config.store.enabled:
         return None
     return Store(state_directory(config.store) / config.robot)
+
+
+def resumption_of(config: IrsdConfig, stored: StoredMap | None) -> Resumption:
+    """What keeps frames from the map until they are known to be of it."""
+    return Resumption(
+        config.pipeline.mapping,
+        {} if stored is None else stored.geometry,
+        search=config.store.on_start == "relocalise",
+        max_speed_mps=config.watch.max_speed_mps,
+    )

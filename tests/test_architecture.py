@@ -85,7 +85,7 @@ MAY_IMPORT: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("irsd.bundles", ("irsd.core", "irsd.config", "irsd.graph", "irsd.maploop", "irsd.pipeline", "irsd.record")),
     ("irsd.reproduce", ("irsd",)),
     ("irsd.arguments", ("irsd.config", "irsd.io.keys")),
-    ("irsd.stored", ("irsd.core", "irsd.config", "irsd.graph", "irsd.maps", "irsd.record")),
+    ("irsd.stored", ("irsd.core", "irsd.config", "irsd.graph", "irsd.maps", "irsd.record", "irsd.resume")),
     ("irsd.maps", ("irsd.core", "irsd.graph", "irsd.keeper", "irsd.maploop", "irsd.pipeline")),
     ("irsd.keeper", ("irsd.core", "irsd.graph", "irsd.maploop", "irsd.pipeline", "irsd.plans", "irsd.resume")),
     ("irsd.resume", ("irsd.core", "irsd.mapping", "irsd.plans")),

@@ -114,3 +114,12 @@ def transform(parent_T_child: FloatArray, points_child: FloatArray) -> FloatArra
     points = np.asarray(points_child)
     rotation = np.asarray(parent_T_child)[:3, :3].astype(points.dtype)
     return np.asarray(points @ rotation.T + np.asarray(parent_T_child)[:3, 3].astype(points.dtype))
+
+
+_TURN_LIMIT_RADPS = 10.0
+_JUMP_M, _JUMP_RAD = 0.3, 0.5  # less than that in one step is noise, however short the step
+
+
+def farthest_step(passed_s: float, max_speed_mps: float) -> tuple[float, float]:
+    """How far (metres) and by what turn (rad) odometry may step in a time; more is a jump."""
+    return max(_JUMP_M, max_speed_mps * passed_s), max(_JUMP_RAD, _TURN_LIMIT_RADPS * passed_s)

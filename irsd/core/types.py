@@ -232,6 +232,16 @@ class PlanEvidence:
     floor: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A floor from above, as it is kept and compared: structure above furniture and free space, bool [H, W] on ``frame``."""
+
+    frame: GridFrame
+    floor_z_m: float
+    wall: NDArray[np.bool_]
+    free: NDArray[np.bool_]
+
+
 # --------------------------------------------------------------------------------------- rooms
 @dataclass(frozen=True, slots=True)
 class RoomFootprint:

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from irsd.core.errors import StoreError
+from irsd.core.runtime import monotonic_s, sleep_s
 from irsd.ctl.link import Target, ask, ask_json, connected
 
 _PATIENCE_S = 180.0  # for a map of ten thousand things on a busy robot
@@ -65,9 +66,13 @@ def decide(target: Target, what: str) -> int:
 
 def relocalise(target: Target, at: tuple[float, float, float] | None, wait_s: float, as_json: bool) -> int:
     """Have the robot looked for; 1 when it was not found in the time given (the search goes on)."""
-    question = {"wait_s": wait_s, **({} if at is None else {"at": list(at)})}
     with connected(target) as (session, keys):
-        answer = ask_json(session, keys.command("relocalise"), wait_s + 15.0, question)
+        key, patience_s = keys.command("relocalise"), max(target.timeout_s, 15.0)
+        answer = ask_json(session, key, patience_s, {} if at is None else {"at": list(at)})
+        end_s = monotonic_s() + wait_s
+        while not answer["found"] and monotonic_s() < end_s:
+            sleep_s(0.3)
+            answer = ask_json(session, key, patience_s, {"begin": False})
     if as_json:
         click.echo(json.dumps(answer))
     elif answer["found"]:

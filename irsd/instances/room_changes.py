@@ -15,7 +15,7 @@ _MARGIN_M = 0.1  # points move within their voxels
 def may_have_moved(before: Rooms | None, now: Rooms | None, boxes_xy: Floats) -> NDArray[np.bool_]:
     """bool [N] for plan boxes float32 [N, 4] (x0, y0, x1, y1): whether any cell in one belongs to another room now.
 
-    Everything, where the grids can't be laid on each other cell by cell. Costs a pass over the cells that changed, and O(1) a box.
+    Everything, where the grids can't be laid on each other cell by cell. Costs a comparison of the two grids, and O(1) a box.
     """
     if before is None or now is None or before.frame.resolution_m != now.frame.resolution_m:
         return np.ones(len(boxes_xy), np.bool_)

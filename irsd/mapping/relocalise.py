@@ -3,7 +3,7 @@
 Every place and heading is scored by how well the walls seen now lie on stored walls, and not in stored free space (Olson 2009,
 "Real-time correlative scan matching"). Maxima of the score over windows of 2^h cells bound it from above, so that the best of all is
 found without trying all (Hess et al. 2016, "Real-time loop closure in 2D LiDAR SLAM", algorithm 3). The answer is refused when it
-fits badly, and when another place fits almost as well: two offices may be alike. Pure functions; plans are those of ``PlanEvidence``.
+fits badly, and when another place fits almost as well: two offices may be alike. Pure functions.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from irsd.core.geometry import Pose, invert, pose_from_xy_yaw
 from irsd.core.grid import GridFrame
 from irsd.core.jit import kernel
+from irsd.core.types import Plan
 from irsd.mapping.kernels import Floats
 
 Cells = NDArray[np.int16]
@@ -33,15 +34,6 @@ _LEAST_POINTS = 40  # 4 m of wall
 # once, from inside one room: whoever relocalises compares the plans as well. And the share of it from which another place is alike.
 _GOOD, _ALIKE = 0.85, 0.9
 _APART_M, _APART_RAD = 0.8, 0.35  # nearer than that it is the same place
-
-
-@dataclass(frozen=True, slots=True)
-class PlanView:
-    """A floor from above: wall and free, bool [H, W] on ``frame``."""
-
-    frame: GridFrame
-    wall: NDArray[np.bool_]
-    free: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +65,7 @@ class Relocation:
         return not self.refused
 
 
-def find_place(now: PlanView, robot_xy: tuple[float, float], stored: PlanView, near: Near | None = None) -> Relocation:
+def find_place(now: Plan, robot_xy: tuple[float, float], stored: Plan, near: Near | None = None) -> Relocation:
     """Where a robot at robot_xy, in the frame of ``now``, is in ``stored``. Costs 0.1-5 s, by the size of the stored plan.
 
     near: the only places that come into question; None: all.
@@ -115,7 +107,7 @@ def find_place(now: PlanView, robot_xy: tuple[float, float], stored: PlanView, n
     return Relocation(stored_T_now, score, runner_up, refused)
 
 
-def _wall_points(now: PlanView, robot: Floats) -> Floats:
+def _wall_points(now: Plan, robot: Floats) -> Floats:
     """Walls near the robot, about it: float64 [N, 2], one per search cell, at most _MOST_POINTS."""
     points = now.frame.centres_of(np.argwhere(now.wall)) - robot
     points = points[np.hypot(*points.T) <= _RANGE_M]
@@ -124,7 +116,7 @@ def _wall_points(now: PlanView, robot: Floats) -> Floats:
     return np.asarray(points[:: max(-(-len(points) // _MOST_POINTS), 1)], np.float64)
 
 
-def _fields(stored: PlanView) -> tuple[Cells, NDArray[np.bool_], Floats]:
+def _fields(stored: Plan) -> tuple[Cells, NDArray[np.bool_], Floats]:
     """Score of a wall int16 [H, W], where a robot can stand, and the place of cell (0, 0)'s corner; with room around."""
     margin = int(_RANGE_M / _CELL_M) + (1 << _LEVELS)
     low = np.floor(np.array(stored.frame.origin_xy_m) / _CELL_M).astype(np.int64) - margin
@@ -252,7 +244,7 @@ def _descend(
     return best, place
 
 
-def _refined(walls: Floats, guess: Floats, stored: PlanView) -> tuple[Floats, float]:
+def _refined(walls: Floats, guess: Floats, stored: Plan) -> tuple[Floats, float]:
     """(x, y, yaw) [3] near a guess where walls [N, 2] about the robot lie best, and their score: ever smaller steps by axis."""
     values = _values(stored.wall, stored.free, stored.frame.resolution_m)
     best, score = guess, _fit(walls, guess, values, stored.frame)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from irsd.core.grid import GridFrame
-from irsd.core.types import CameraModel, DeskewedScan, SyncedFrame
+from irsd.core.types import CameraModel, DeskewedScan, Plan, SyncedFrame
 from irsd.mapping.mapper import Mapper, MappingSettings
 from irsd.mapping.registration import Reach, align
-from irsd.mapping.relocalise import PlanView, find_place
+from irsd.mapping.relocalise import find_place
 from irsd.mapping.voxels import VoxelSettings
 
 
@@ -30,6 +30,6 @@ def warm_up() -> None:
     mapper.plan_evidence()
     room = np.zeros((16, 16), np.bool_)
     room[1:-1, 1:-1] = True
-    plan = PlanView(GridFrame((0.0, 0.0), 0.1, 16, 16), ~room, room)
+    plan = Plan(GridFrame((0.0, 0.0), 0.1, 16, 16), 0.0, ~room, room)
     find_place(plan, (0.8, 0.8), plan)
     mapper.navigation_grid()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irsd.core.faults import Finding
-from irsd.core.geometry import invert
+from irsd.core.geometry import farthest_step, invert
 from irsd.core.runtime import Cell
 from irsd.core.settings import setting
 from irsd.core.types import CameraImage, Detections, LidarScan, OdomSample, Sensed, StaticTransform
@@ -23,8 +23,6 @@ _STAMP_END = 12  # CDR header and stamp: what a driver that repeats itself may s
 _FROZEN_MESSAGES = 4
 _OFFSET_WINDOW_S = 3.0
 _SAME_M, _SAME_RAD = 0.005, 0.005  # mountings that differ by less are one
-_TURN_LIMIT_RADPS = 10.0
-_JUMP_M, _JUMP_RAD = 0.3, 0.5  # less than that in one step is noise, however short the step
 _PICTURE_PERIOD_NS = 300_000_000
 _MAX_FRAMES = 1000
 
@@ -81,9 +79,10 @@ def odometry_step(before: OdomSample, after: OdomSample, max_speed_mps: float) -
         return ""
     moved_m = float(np.linalg.norm(after.position_m - before.position_m))
     turned_rad = 2.0 * float(np.arccos(np.clip(abs(before.quat_xyzw @ after.quat_xyzw), 0.0, 1.0)))
-    if moved_m > max(_JUMP_M, max_speed_mps * passed_s):
+    most_m, most_rad = farthest_step(passed_s, max_speed_mps)
+    if moved_m > most_m:
         return f"moved {moved_m:.2f} m in {passed_s:.2f} s"
-    if turned_rad > max(_JUMP_RAD, _TURN_LIMIT_RADPS * passed_s):
+    if turned_rad > most_rad:
         return f"turned {np.degrees(turned_rad):.0f} degrees in {passed_s:.2f} s"
     return ""
 

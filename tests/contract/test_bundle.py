@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from pathlib import Path
 
@@ -15,13 +16,14 @@ from test_daemon import KEYS, WAIT_S, ask, drive, until
 from irsd.bundles import without_secrets
 from irsd.config import IrsdConfig, StoreSettings
 from irsd.core.errors import DecodeError
-from irsd.ingest import IngestSettings
+from irsd.core.runtime import Stopper, Worker
+from irsd.ingest import IngestSettings, SensorDecoder
 from irsd.io import cdr
 from irsd.io.session import CDR, Session
 from irsd.perception.encoder import LabelEncoder
 from irsd.perception.settings import PerceptionSettings
 from irsd.privacy import PrivacySettings
-from irsd.record import RecordSettings
+from irsd.record import Recorder, RecordSettings
 from irsd.reproduce import Reproduction, opened
 from irsd.sensors.replay import read_messages
 
@@ -98,6 +100,27 @@ def test_pictures_reach_the_disk_only_where_they_may(
         path = bundle_of(robot, tmp_path / "bundle.zip")
     with opened(path) as bundle:
         assert sum(message.topic == PICTURES for message in read_messages(bundle.recording)) == kept
+
+
+def test_what_is_older_than_its_time_is_deleted(tmp_path: Path) -> None:
+    recorder, stopper = Recorder(tmp_path / "recording", RecordSettings(200), retention_days=1.0), Stopper()
+    writer = Worker("test-record", lambda: recorder.run(stopper, lambda _: None)).start()
+    recorder.take(SensorDecoder(IngestSettings()).topics[0], b"old")
+    kept = recorder.link_into(_made(tmp_path / "one"), WAIT_S)
+    assert (len(kept.files), kept.complete) == (1, True)
+    stopper.request("test")
+    assert writer.join(WAIT_S)
+    for file in (tmp_path / "recording").glob("*.mcap"):
+        os.utime(file, (1.0, 1.0))
+    recorder._prune_s = 0.0  # a minute later
+    recorder._prune()
+    assert not list((tmp_path / "recording").glob("*.mcap"))
+    assert "retention_days" in recorder._linked(_made(tmp_path / "two")).why_not
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
 
 
 def test_what_is_no_bundle_is_said(tmp_path: Path) -> None:

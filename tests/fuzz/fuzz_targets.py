@@ -31,6 +31,7 @@ from irsd.core.types import (
     LidarScan,
     Localisation,
     OdomSample,
+    Plan,
     StaticTransform,
 )
 from irsd.graph import codec
@@ -43,7 +44,7 @@ from irsd.io.messages import error_text, parameters
 from irsd.perception.aliases import AliasTable
 from irsd.perception.detections import DetectionPairer
 from irsd.perception.encoder import LabelEncoder
-from irsd.plans import Plan, plan_from_bytes, plan_to_bytes
+from irsd.plans import plan_from_bytes, plan_to_bytes
 from irsd.sensors import encode
 from irsd.sensors.decode import KINDS, decode, decode_detection_ids
 from irsd.sensors.sync import Synchronizer, SyncSettings
@@ -310,7 +311,7 @@ def _commands() -> Iterator[Target]:
 
     plan = Plan(GridFrame((0.0, 0.0), 0.05, 12, 9), 0.0, *np.ones((2, 12, 9), np.bool_))
     yield Target("cmd.edit", (teach, merge), edit)
-    place = b'{"at": [1.0, 2.0, 0.5], "wait_s": 5}'
+    place = b'{"at": [1.0, 2.0, 0.5], "begin": false}'
     yield Target("cmd.relocalise", (place,), lambda data: read_place(read_question(data)))
     yield Target("plan", (plan_to_bytes(plan),), plan_from_bytes)
     where = Localisation(5, "odom", np.eye(4), np.eye(4), "map")

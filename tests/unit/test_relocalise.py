@@ -10,10 +10,10 @@ from scipy import ndimage
 
 from irsd.core.geometry import invert, pose_from_xy_yaw, transform, yaw_of
 from irsd.core.grid import GridFrame
-from irsd.core.types import DeskewedScan, SyncedFrame
+from irsd.core.types import DeskewedScan, Plan, SyncedFrame
 from irsd.mapping import relocalise
 from irsd.mapping.localise import Localiser, LocaliseSettings
-from irsd.mapping.relocalise import PlanView, find_place
+from irsd.mapping.relocalise import find_place
 from irsd.mapping.voxels import VoxelMap, VoxelSettings
 
 RESOLUTION_M = 0.05
@@ -23,19 +23,17 @@ DOORS: tuple[Rect, ...] = ((4.9, 1.0, 5.3, 1.9), (1.0, 3.9, 1.9, 4.3), (6.0, 3.9
 TWINS: tuple[Rect, ...] = ((0.0, 0.0, 4.0, 3.0), (10.0, 0.0, 14.0, 3.0))
 
 
-def plan_of(
-    rooms: tuple[Rect, ...], doors: tuple[Rect, ...] = (), origin: tuple[float, float] = (-2.0, -1.5)
-) -> PlanView:
+def plan_of(rooms: tuple[Rect, ...], doors: tuple[Rect, ...] = (), origin: tuple[float, float] = (-2.0, -1.5)) -> Plan:
     """Rooms are free inside and have a wall around; doors are cut through."""
     frame = GridFrame(origin, RESOLUTION_M, 260, 360)
     free = np.zeros((260, 360), bool)
     for x0, y0, x1, y1 in (*rooms, *doors):
         row, col = frame.cells_of(np.array([[x0, y0], [x1, y1]])).T
         free[row[0] : row[1], col[0] : col[1]] = True
-    return PlanView(frame, ndimage.binary_dilation(free, np.ones((3, 3))) & ~free, free)
+    return Plan(frame, 0.0, ndimage.binary_dilation(free, np.ones((3, 3))) & ~free, free)
 
 
-def seen_from(plan: PlanView, robot: tuple[float, float], now_T_map: NDArray[np.float64], range_m: float) -> PlanView:
+def seen_from(plan: Plan, robot: tuple[float, float], now_T_map: NDArray[np.float64], range_m: float) -> Plan:
     """The part of a plan around the robot, as another frame has it."""
     points = plan.frame.centres_of(np.argwhere(plan.wall))
     near = points[np.hypot(*(points - robot).T) < range_m]
@@ -44,7 +42,7 @@ def seen_from(plan: PlanView, robot: tuple[float, float], now_T_map: NDArray[np.
     wall = np.zeros((1200, 1200), bool)
     row, col = frame.cells_of(moved).T
     wall[row, col] = True
-    return PlanView(frame, wall, np.zeros_like(wall))
+    return Plan(frame, 0.0, wall, np.zeros_like(wall))
 
 
 @settings(max_examples=12, deadline=None)
@@ -109,7 +107,7 @@ def test_another_building_is_refused() -> None:
 def test_who_sees_next_to_nothing_is_told_so() -> None:
     stored = plan_of(FLAT, DOORS)
     assert "too little" in find_place(seen_from(stored, (2.0, 2.0), np.eye(4), 0.2), (2.0, 2.0), stored).refused
-    nothing = PlanView(stored.frame, np.zeros_like(stored.wall), np.zeros_like(stored.free))
+    nothing = Plan(stored.frame, 0.0, np.zeros_like(stored.wall), np.zeros_like(stored.free))
     assert "too little" in find_place(seen_from(stored, (2.0, 2.0), np.eye(4), 5.0), (2.0, 2.0), nothing).refused
 
 

@@ -10,12 +10,11 @@ from bay_room import scan_of
 
 from irsd.core.errors import DecodeError
 from irsd.core.grid import GridFrame
-from irsd.core.types import DeskewedScan, PlanEvidence, SyncedFrame
+from irsd.core.types import DeskewedScan, Plan, PlanEvidence, SyncedFrame
 from irsd.mapping.mapper import Mapper, MappingSettings
 from irsd.plans import (
     CORRECTION,
     PLAN,
-    Plan,
     compare,
     plan_from_bytes,
     plan_of,
