@@ -21,9 +21,7 @@ _CEILING = 1.05  # share of the promise that a run may be predicted to use up
 _DEPTH_S = 2.0  # seconds of budget that can be saved up
 _TOLERANCE = 0.1  # of the promise
 _MEMORY = 0.97  # share of the memory that a run may be predicted to reach
-_LEAST_S = (
-    0.5 * WINDOW_S
-)  # of the log before it tells what the rest of the process uses: a start's bursts are not its habit
+_LEAST_S = 0.5 * WINDOW_S  # of the log: a start's bursts are not the habit of the process
 _OVERRUN, _OVERRUN_S = 3.0, 0.3  # a run is over-long beyond this times its prediction, and this on top
 _BATCH_S = 0.5  # CPU seconds of a run of many items: what has to be given up is little then
 _SPARE = 0.85  # of the limits that the next rung up may use, so that the ladder does not swing
