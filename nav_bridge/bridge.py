@@ -282,20 +282,21 @@ class Bridge:
         self._replan(drive, doubt, World(graph, lambda: costs, self._source.points, self._pose, _minute()), now_ns)
 
     def _replan(self, drive: Drive, doubt: Doubt, world: World, now_ns: int) -> None:
-        """A new plan for the goal; none: hold and try again until the patience ends. A target that vanished is looked for anew."""
-        settings = self._settings
+        """A new plan for the goal, of a target that vanished for what it may be now; none: hold and try again until patience ends."""
         self._report_doubt(drive, doubt)
-        if doubt.cause == "vanished":
+        if doubt.cause in ("vanished", "lost"):
             answer = self._planner.answer(drive.query, world, drive.within_m)
+            reason = f"{doubt.text}; {answer_text(answer, world.graph)}"
         else:
             answer = self._planner.again(drive.answer, world, drive.within_m)
+            reason = answer.reason
         if answer.status == "resolved":
-            if drive.adopt(answer, world.graph, settings.monitor, settings.approach, now_ns):
+            if drive.adopt(answer, world.graph, self._settings.monitor, self._settings.approach, now_ns):
                 self._set_off(drive, now_ns)
         elif doubt.cause == "vanished":
-            self._end("failed", f"vanished: {doubt.text}; {answer_text(answer, world.graph)}", None, stop=True)
+            self._end("failed", f"vanished: {reason}", None, stop=True)
         else:
-            self._wait(drive, doubt, answer.reason, now_ns)
+            self._wait(drive, doubt, reason, now_ns)
 
     def _wait(self, drive: Drive, doubt: Doubt, reason: str, now_ns: int) -> None:
         """The vehicle holds until there is a way again, or the patience is over."""

@@ -52,7 +52,8 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why a plan is no longer good. cause: new map, vanished, moved, blocked, off the way. text: the same in a sentence."""
+    """Why a plan is no longer good. cause: new map, vanished (it was carried away), lost (irsd tells of it no more), moved, blocked,
+    off the way. text: the same in a sentence."""
 
     cause: str
     text: str
@@ -144,7 +145,7 @@ class Drive:
         if graph.map_id != self.map_id:
             return Doubt("new map", "irsd has started another map: places of the old one mean nothing in it")
         if gone := self._gone(graph):
-            return Doubt("vanished", gone)
+            return gone
         if self.holding_ns is not None:
             return Doubt("blocked", "waiting for a way")
         if view is not None and view.plan_seq == self._seq:
@@ -162,14 +163,15 @@ class Drive:
             return Doubt("off the way", f"{self.monitor.off_way_m:.1f} m off the way")
         return None
 
-    def _gone(self, graph: GraphSnapshot) -> str:
+    def _gone(self, graph: GraphSnapshot) -> Doubt | None:
         name = self.target.instance
         if self.target.is_room:
-            return "" if any(room.id == name for room in graph.rooms) else f"{self.name} is no longer known"
+            known = any(room.id == name for room in graph.rooms)
+            return None if known else Doubt("vanished", f"{self.name} is no longer known")
         node = next((n for n in graph.instances if n.id == name), None)
         if node is None:
-            return f"{self.name} is no longer known"
-        return f"{self.name} is gone" if node.state == "gone" else ""
+            return Doubt("lost", f"{self.name} is no longer known")
+        return Doubt("vanished", f"{self.name} is gone") if node.state == "gone" else None
 
     def document(self, seq: int, state: str, progress: Driving, text: str, reason: str) -> dict[str, Any]:
         """What nav/state says (docs/schema/nav_state.json)."""

@@ -83,8 +83,19 @@ def test_a_target_that_vanishes_is_looked_for_anew_or_the_goal_fails(world: Stan
     ready(world, "any trash can")
     world.publish_delta(GraphDelta(9, 9, "flat", "map", (), (), (), ("I14",), ()))
     failed = world.drive_until(lambda s: s["state"] in ("failed", "reached"))[-1]
-    assert failed["reason"].startswith("vanished")
+    assert failed["reason"].startswith("lost")
+    assert world.way == []
     assert "no trash can is known here" in failed["reason"]
+    # One that irsd doubts for a moment is waited for.
+    ready(world, "fridge")
+    world.drive_until(lambda s: s["state"] == "driving")
+    world.publish_delta(GraphDelta(10, 10, "flat", "map", (), (), (), ("I6",), ()))
+    assert world.drive_until(lambda s: s["state"] == "planning")[-1]["reason"] == "lost"
+    fridge = next(thing for thing in house.THINGS if thing.id == "I6")
+    world.publish_delta(GraphDelta(11, 11, "flat", "map", (), (), (fridge,), (), ()))
+    reached = world.drive_until(lambda s: s["state"] in ("failed", "reached"))[-1]
+    assert reached["state"] == "reached"
+    assert "I6" in reached["text"]
 
 
 def test_priorities_decide_who_drives(world: StandIn) -> None:

@@ -63,7 +63,7 @@ def test_the_graph_decides_whether_the_target_is_there(planner: Planner) -> None
     drive = driving(planner, "fridge")
     without = tuple(t for t in house.THINGS if t.id != "I6")
     gone = tuple(replace(t, state="gone") for t in house.THINGS)
-    assert cause(drive, replace(house.GRAPH, instances=without)) == "vanished"
+    assert cause(drive, replace(house.GRAPH, instances=without)) == "lost"
     assert cause(drive, replace(house.GRAPH, instances=gone)) == "vanished"
     assert cause(drive, replace(house.GRAPH, map_id="other")) == "new map"
     room = driving(planner, "kitchen")
