@@ -24,7 +24,7 @@ from irsd.health import HealthSettings
 from irsd.ingest import IngestSettings, topics_of
 from irsd.instances.lift import LiftSettings
 from irsd.instances.memory import FusionSettings
-from irsd.instances.proposals import ProposalSettings
+from irsd.instances.part import ProposalSettings
 from irsd.io.endpoints import ZenohSettings
 from irsd.io.keys import check_robot_name
 from irsd.mapping.localise import LocaliseSettings

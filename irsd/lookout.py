@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from irsd.core.types import CameraView, Rooms, Structure
 from irsd.instances.lift import LiftSettings, points_in_sight
@@ -13,6 +16,7 @@ from irsd.perception.job import PerceptionJob, PerceptionResult, Sight
 from irsd.perception.select import KeyframeSelector
 from irsd.perception.worker import Eyes
 
+Alone = Callable[[NDArray[np.float32]], NDArray[np.int32]]
 _ALONE_NS = 10_000_000_000  # without detections from outside, after which irsd sees by itself again
 _PATIENCE_NS = 3_000_000_000  # at the start, for a detector to be heard
 
@@ -48,8 +52,13 @@ class Lookout:
         self._passed = 0
         self._began_ns: int | None = None
 
-    def show(self, view: CameraView, mapper: Mapper, memory: InstanceMemory, rooms: Rooms | None) -> None:
-        """A picture; it is offered to the eyes when they can pay for one and it is worth it."""
+    def show(
+        self, view: CameraView, mapper: Mapper, memory: InstanceMemory, rooms: Rooms | None, alone: Alone | None = None
+    ) -> None:
+        """A picture; it is offered to the eyes when they can pay for one and it is worth it.
+
+        alone: which thing that only the LiDAR saw is at points [K, 3]: int32 [K], 0 none.
+        """
         if not self.eyes.wants(view.stamp_ns):
             return
         points, structure = mapper.visible(view.map_T_camera, view.camera, self._settings.max_range_m)
@@ -62,7 +71,8 @@ class Lookout:
         self._selector.take(view.stamp_ns, worth, view.map_T_camera, points, room)
         index, pixel, depth_m = points_in_sight(view, points, self._settings)
         part = structure[index] != Structure.OTHER
-        sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index], part)
+        numbers = None if alone is None else alone(points[index])
+        sight = Sight(pixel.astype(np.float32), depth_m.astype(np.float32), known.of_point[index], part, numbers)
         self._seq += 1
         self._began_ns = view.stamp_ns if self._began_ns is None else self._began_ns
         self.eyes.offer(PerceptionJob(self._seq, view, points, structure, sight, known, mapper.levels.floor_z_m))

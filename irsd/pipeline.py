@@ -128,7 +128,8 @@ class MapPipeline:
                 self._observe(view, *seen, ms)
             elif self._lookout is not None and view.image is not None and self._must_see(view.stamp_ns):
                 with _timed(ms, "keyframes"):
-                    self._lookout.show(view, self._mapper, self._memory, self._rooms)
+                    alone = None if self._allround is None else self._allround.alone
+                    self._lookout.show(view, self._mapper, self._memory, self._rooms, alone)
         self._observe_answers(ms)
 
         # 4. What the LiDAR saw through: things that are no longer there.

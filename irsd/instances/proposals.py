@@ -3,77 +3,26 @@
 A part keeps its number while the map grows (it goes to the part that holds most of its voxels) and gets an id when it is told for the
 first time, once it has kept its size for a while. Voxels that a published instance of the camera owns are that one's: a part that is
 mostly claimed ends in it, and what of the part nobody claimed completes those who claim the rest, because a mask of few pixels
-covers a thing less well than the map does. The camera's instances are never changed otherwise.
+covers a thing less well than the map does. Where several claim a part and as a whole it can be named better than they can, it has
+them (``contested``, ``absorb``). The camera's instances are never changed otherwise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from irsd.core.settings import setting
 from irsd.core.types import InstanceState, InstanceUpdate, LooseChange, Rooms
+from irsd.instances.part import Contested, Part, ProposalSettings
+from irsd.instances.pieces import across, diagonal, pieces_of
 from irsd.instances.room_prior import room_of
-from irsd.instances.settle import connected_parts
 from irsd.instances.voxels import Floats, Ints, Rows, voxel_keys
 
 NS_PER_S = 1_000_000_000
-UNNAMED = "object"
 _KEY_M = 0.08  # cells by which parts are found again after a restart
-
-
-@dataclass(frozen=True)
-class ProposalSettings:
-    """When a part of the map is a thing."""
-
-    enabled: bool = setting(True, "with irsd's own eyes, parts of the map that no picture shows become things, too")
-    period_s: float = setting(2.0, "parts are looked at anew at most this often, in sensor time", lo=0.1, hi=60.0)
-    link_m: float = setting(0.05, "edge of the cells whose touching joins voxels of a heap", lo=0.02, hi=0.5)
-    part_voxels: int = setting(60, "smaller pieces of a heap join the nearest large one", lo=1, hi=10_000)
-    min_voxels: int = setting(40, "smaller parts are no things", lo=3, hi=10_000)
-    heap_m: float = setting(3.0, "parts with a longer diagonal are cut where their voxels don't touch", lo=0.5, hi=50.0)
-    max_size_m: float = setting(5.0, "parts with a longer diagonal are no things but heaps of them", lo=0.5, hi=50.0)
-    line_share: float = setting(
-        0.06,
-        "parts whose spread across is a smaller share of that along are traces of single LiDAR beams, no things",
-        lo=0.0,
-        hi=1.0,
-    )
-    settle_s: float = setting(4.0, "a part must keep its size for so long before it is told", lo=0.0, hi=600.0)
-    settle_share: float = setting(0.25, "by more than this its size must not change meanwhile", lo=0.01, hi=10.0)
-    claimed: float = setting(
-        0.5, "a part with this share of voxels claimed by pictures' instances is theirs", lo=0.1, hi=1.0
-    )
-    complete_from: float = setting(0.25, "a single claimant with this share of a part gets all of it", lo=0.05, hi=1.0)
-    fill_m: float = setting(
-        0.2, "of several claimants each gets what is unclaimed within this distance", lo=0.0, hi=2.0
-    )
-    existence: float = setting(0.6, "how sure a thing is that only the LiDAR saw", lo=0.05, hi=1.0)
-
-
-@dataclass(slots=True)
-class _Part:
-    """One part. size, since_ns: voxels when it last changed by much, and when; told: what was published last, None: not published.
-
-    claimants: id of an instance -> voxels of this part that are its own; taken: they have it, all of it.
-    """
-
-    number: int
-    rows: Rows
-    points: Floats
-    first_ns: int
-    since_ns: int
-    size: int
-    id: int = 0
-    told: InstanceState | None = None
-    claimants: dict[int, int] = field(default_factory=dict)
-    taken: bool = False
-    name: tuple[tuple[str, float], ...] = ((UNNAMED, 0.0),)
-    embedding: Floats | None = None
 
 
 class Proposals:
@@ -82,13 +31,16 @@ class Proposals:
     def __init__(self, settings: ProposalSettings, take_id: Callable[[], int]) -> None:
         """take_id: a fresh id that no instance has or will get."""
         self.settings, self._take_id = settings, take_id
-        self._parts: dict[int, _Part] = {}
+        self._parts: dict[int, Part] = {}
         self._next = 1
         self._owner = np.zeros(1024, np.int32)  # by voxel row: number of the part, 0 = none
         self._dirty: dict[int, None] = {}
         self._waiting: dict[int, None] = {}  # parts that have not kept their size for long enough
         self._camera: dict[int, InstanceState] = {}  # the camera's instances as fusion told them
         self._parts_of: dict[int, set[int]] = {}  # instance -> parts of which it claims something
+        self._contested: dict[int, None] = {}  # parts that were judged in the last step and have fragments
+        self._absorbed: dict[int, int] = {}  # instance -> number of the part that has it
+        self._back: dict[int, None] = {}  # instances to be told again, no part has them any more
         self._ended: list[tuple[int, int]] = []  # ids that end, and into which instance (0: none)
         self._restored: dict[int, InstanceState] = {}
         self._restored_keys, self._restored_of = np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -129,7 +81,7 @@ class Proposals:
             rows, points = change.rows[a:b], change.points_map[a:b]
             if b - a < self.settings.min_voxels and not self._owner[rows].any():
                 continue  # specks, most of which stay specks
-            if b - a < self.settings.part_voxels or _diagonal(points) <= self.settings.heap_m:
+            if b - a < self.settings.part_voxels or diagonal(points) <= self.settings.heap_m:
                 out.append((rows, points))
                 continue
             piece = pieces_of(points, self.settings.link_m, self.settings.part_voxels)
@@ -139,7 +91,7 @@ class Proposals:
     def _set(self, number: int | None, rows: Rows, points: Floats, stamp_ns: int) -> None:
         part = self._parts.get(number) if number is not None else None
         if part is None:
-            part = _Part(self._next, rows, points, stamp_ns, stamp_ns, len(rows))
+            part = Part(self._next, rows, points, stamp_ns, stamp_ns, len(rows))
             self._next += 1
             self._parts[part.number] = part
             self._recall(part)
@@ -154,7 +106,7 @@ class Proposals:
             part.size, part.since_ns = len(rows), stamp_ns
         self._dirty[part.number] = None
 
-    def _lose(self, part: _Part, gone: Rows) -> None:
+    def _lose(self, part: Part, gone: Rows) -> None:
         self._owner[gone[self._owner[gone] == part.number]] = 0
         mine = self._owner[part.rows] == part.number
         part.rows, part.points = part.rows[mine], part.points[mine]
@@ -165,11 +117,12 @@ class Proposals:
         if most > len(self._owner):
             self._owner = np.pad(self._owner, (0, max(most, 2 * len(self._owner)) - len(self._owner)))
 
-    def _end(self, part: _Part, into: _Part | None = None) -> None:
+    def _end(self, part: Part, into: Part | None = None) -> None:
         del self._parts[part.number]
         self._dirty.pop(part.number, None)
         self._waiting.pop(part.number, None)
         self._release(part)
+        self._give_back(part, part.absorbed)
         if part.told is not None:
             self._ended.append((part.id, into.id if into is not None and into.told is not None else 0))
 
@@ -191,9 +144,12 @@ class Proposals:
         self._camera.update(told)
         for instance_id in update.ended:
             self._camera.pop(instance_id, None)
+            if instance_id in self._absorbed:
+                self._parts[self._absorbed.pop(instance_id)].absorbed.discard(instance_id)
         self._touch(update, rows_at)
         moved = self._follow_rooms(rooms)
-        again: set[int] = set(told)
+        again: set[int] = {*told, *self._back}
+        self._contested, self._back = {}, {}
         due, self._dirty = sorted({*self._dirty, *self._settled(stamp_ns)}), {}
         out: list[InstanceState] = []
         for number in due:
@@ -201,7 +157,9 @@ class Proposals:
             if part is not None:
                 again |= self._judge(part, owners, rooms, stamp_ns, out)
         out += [part.told for part in moved if part.told is not None and part.number not in due]
-        changed = [self._complete(self._camera[i]) for i in sorted(again) if i in self._camera]
+        again |= self._back.keys()
+        free = sorted(i for i in again if i in self._camera and i not in self._absorbed)
+        changed = [self._complete(self._camera[i]) for i in free]
         over, self._ended = self._ended, []
         return replace(
             update,
@@ -210,8 +168,8 @@ class Proposals:
             merged=(*update.merged, *((into, i) for i, into in over if into)),
         )
 
-    def withdraw(self) -> tuple[int, ...]:
-        """Nothing of this is told any more, for now; returns the ids that end."""
+    def withdraw(self) -> tuple[tuple[int, ...], tuple[InstanceState, ...]]:
+        """Nothing of this is told any more, for now; returns the ids that end, and the camera's instances that are whole again."""
         over = [i for i, _ in self._ended]
         self._ended = []
         for part in self._parts.values():
@@ -220,7 +178,9 @@ class Proposals:
                 part.told = None
             self._release(part)
             self._waiting[part.number] = None
-        return tuple(sorted(over))
+            self._give_back(part, set(part.absorbed))
+        back, self._back = [self._camera[i] for i in self._back], {}
+        return tuple(sorted(over)), tuple(back)
 
     def _touch(self, update: InstanceUpdate, rows_at: Callable[[Floats], Rows]) -> None:
         """The parts under what changed or ended are to be judged again."""
@@ -240,7 +200,7 @@ class Proposals:
 
     def _judge(
         self,
-        part: _Part,
+        part: Part,
         owners: Callable[[Floats], Ints],
         rooms: Rooms | None,
         stamp_ns: int,
@@ -258,25 +218,29 @@ class Proposals:
         if count < s.min_voxels and part.told is None:
             return before
         owner = owners(part.points) if self._camera else np.zeros(count, np.int64)
+        whole = diagonal(part.points) <= s.max_size_m
+        settled = stamp_ns - part.since_ns >= round(s.settle_s * NS_PER_S)
+        self._weigh(part, owner, nameable=whole and settled and across(part.points) >= s.line_share)
+        owner[np.isin(owner, list(part.absorbed))] = 0
         self._note_claims(part, owner)
         claims = sum(part.claimants.values())
         alone = bool(claims) and max(part.claimants.values()) >= max(0.9 * claims, s.complete_from * count)
-        whole = _diagonal(part.points) <= s.max_size_m
+        alone |= part.heir in part.claimants
         mostly = claims >= s.claimed * count
         part.taken = whole and (mostly or alone)
         free = part.points[owner == 0] if claims else part.points
-        if not whole or mostly or alone or len(free) < s.min_voxels or _across(free) < s.line_share:
+        if not whole or mostly or alone or len(free) < s.min_voxels or across(free) < s.line_share:
             if part.told is not None:
                 into = max(part.claimants, key=lambda i: (part.claimants[i], -i), default=0)
                 self._ended.append((part.id, into))
                 part.told = None
-        elif part.told is None and stamp_ns - part.since_ns < round(s.settle_s * NS_PER_S):
+        elif part.told is None and not settled:
             self._waiting[part.number] = None
         else:
             self._tell(part, free, rooms, stamp_ns, out, anew=before != set(part.claimants))
         return before | set(part.claimants)
 
-    def _note_claims(self, part: _Part, owner: Ints) -> None:
+    def _note_claims(self, part: Part, owner: Ints) -> None:
         if not owner.any():
             return
         ids, counts = np.unique(owner[owner > 0], return_counts=True)
@@ -285,7 +249,7 @@ class Proposals:
             self._parts_of.setdefault(instance_id, set()).add(part.number)
 
     def _tell(
-        self, part: _Part, points: Floats, rooms: Rooms | None, stamp_ns: int, out: list[InstanceState], *, anew: bool
+        self, part: Part, points: Floats, rooms: Rooms | None, stamp_ns: int, out: list[InstanceState], *, anew: bool
     ) -> None:
         last = part.told
         if last is not None and not anew and abs(len(points) - len(last.points_map)) <= 0.02 * len(points):
@@ -297,7 +261,7 @@ class Proposals:
         )  # fmt: skip
         out.append(part.told)
 
-    def _release(self, part: _Part) -> None:
+    def _release(self, part: Part) -> None:
         for instance_id in part.claimants:
             self._parts_of[instance_id].discard(part.number)
         part.claimants, part.taken = {}, False
@@ -309,18 +273,76 @@ class Proposals:
         more = [points for points in more if len(points)]
         return replace(state, points_map=np.concatenate([state.points_map, *more])) if more else state
 
-    def _share_of(self, state: InstanceState, part: _Part) -> Floats:
+    def _share_of(self, state: InstanceState, part: Part) -> Floats:
         """The points of a part that nobody claims and that fall to this claimant."""
         others = [self._camera[i].points_map for i in part.claimants if i != state.id and i in self._camera]
         mine, _ = cKDTree(state.points_map).query(part.points)
         if not others:
             return np.asarray(part.points[mine > 0.5 * _KEY_M], np.float32)
         theirs, _ = cKDTree(np.concatenate(others)).query(part.points)
-        near = (mine > 0.5 * _KEY_M) & (theirs > 0.5 * _KEY_M) & (mine < theirs) & (mine <= self.settings.fill_m)
-        return np.asarray(part.points[near], np.float32)
+        free = (mine > 0.5 * _KEY_M) & (theirs > 0.5 * _KEY_M)
+        if part.heir in part.claimants:
+            return np.asarray(part.points[free] if part.heir == state.id else part.points[:0], np.float32)
+        return np.asarray(part.points[free & (mine < theirs) & (mine <= self.settings.fill_m)], np.float32)
+
+    def alone(self, rows: Rows) -> Rows:
+        """Number int32 [K] of the part of a thing's size that holds each voxel row [K], 0 where there is none."""
+        known = (rows >= 0) & (rows < len(self._owner))
+        out = np.where(known, self._owner[np.where(known, rows, 0)], 0).astype(np.int32)
+        for number in np.unique(out[out > 0]).tolist():
+            points = self._parts[number].points
+            if len(points) < self.settings.min_voxels or diagonal(points) > self.settings.max_size_m:
+                out[out == number] = 0
+        return out
+
+    # ------------------------------------------------------------------------------------------------ fragments
+    @property
+    def absorbed(self) -> Collection[int]:
+        """Ids of the camera's instances that are fragments of a part."""
+        return self._absorbed.keys()
+
+    def contested(self) -> list[Contested]:
+        """The parts that were judged in the last step and have fragments in them."""
+        parts = [self._parts[number] for number in self._contested if number in self._parts]
+        return [Contested(p.number, p.points, tuple(sorted(self._fragments(p) | p.absorbed))) for p in parts]
+
+    def absorb(self, number: int, fragments: Sequence[int], heir: int = 0) -> None:
+        """These fragments, and no others, are the part's from the next step on; they end in it, or in the claimant that gets it."""
+        part = self._parts[number]
+        self._give_back(part, part.absorbed - set(fragments))
+        if heir != part.heir:
+            part.heir = heir
+            self._dirty[number] = None
+        for instance_id in sorted(set(fragments) - part.absorbed):
+            part.absorbed.add(instance_id)
+            self._absorbed[instance_id] = number
+            part.id = part.id or self._take_id()
+            self._ended.append((instance_id, heir or part.id))
+            self._dirty[number] = None
+
+    def _weigh(self, part: Part, owner: Ints, *, nameable: bool) -> None:
+        """Whether the part has fragments; what was absorbed and has grown out is free again. owner: as in ``_note_claims``."""
+        ids, counts = np.unique(owner[owner > 0], return_counts=True)
+        inside = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+        least = self.settings.inside
+        grown = {i for i in part.absorbed if inside.get(i, 0) < 0.75 * least * len(self._camera[i].points_map)}
+        self._give_back(part, grown if nameable else set(part.absorbed))
+        inner = [i for i, n in inside.items() if i in self._camera and n >= least * len(self._camera[i].points_map)]
+        if nameable and (len(inner) > 1 or any(inside[i] < self.settings.complete_from * len(owner) for i in inner)):
+            self._contested[part.number] = None
+
+    def _fragments(self, part: Part) -> set[int]:
+        least = self.settings.inside
+        return {i for i, n in part.claimants.items() if n >= least * len(self._camera[i].points_map)}
+
+    def _give_back(self, part: Part, fragments: set[int]) -> None:
+        for instance_id in sorted(fragments):
+            part.absorbed.discard(instance_id)
+            del self._absorbed[instance_id]
+            self._back[instance_id] = None
 
     # ------------------------------------------------------------------------------------------------ rooms, restart
-    def _follow_rooms(self, rooms: Rooms | None) -> list[_Part]:
+    def _follow_rooms(self, rooms: Rooms | None) -> list[Part]:
         """The published parts whose room has changed."""
         if rooms is self._rooms:
             return []
@@ -344,7 +366,7 @@ class Proposals:
             order = np.argsort(all_keys, kind="stable")
             self._restored_keys, self._restored_of = all_keys[order], np.concatenate(of)[order]
 
-    def _recall(self, part: _Part) -> None:
+    def _recall(self, part: Part) -> None:
         """A new part that lies where a stored thing stood goes on under its id."""
         if not self._restored:
             return
@@ -357,36 +379,3 @@ class Proposals:
         found, counts = np.unique(ids, return_counts=True)
         state = self._restored.pop(int(found[counts.argmax()]))
         part.id, part.first_ns, part.told, part.name = state.id, state.first_seen_ns, state, state.labels
-
-
-# ------------------------------------------------------------------------------------------------------------ kernels
-def _diagonal(points: Floats) -> float:
-    """Of the box of points [n, 3], n >= 1."""
-    return float(np.linalg.norm(points.max(0) - points.min(0)))
-
-
-def _across(points: Floats) -> float:
-    """Second largest by largest standard deviation of points [n, 3] along their principal axes; 0 for a line."""
-    values = np.linalg.eigvalsh(np.cov(points.astype(np.float64).T))
-    return float(np.sqrt(max(values[1], 0.0) / max(values[2], 1e-12)))
-
-
-def pieces_of(points: Floats, link_m: float, least: int) -> NDArray[np.int64]:
-    """Which piece each of points [n, 3] belongs to: connected ones of at least ``least`` points, smaller ones with the nearest."""
-    part = np.asarray(connected_parts(points, link_m), np.int64)
-    size = np.bincount(part, minlength=1)
-    large = np.flatnonzero(size >= least)
-    if len(large) < 2:
-        return np.zeros(len(points), np.int64)
-    number = np.full(len(size), -1, np.int64)
-    number[large] = np.arange(len(large))
-    out = number[part]
-    rest = np.flatnonzero(out < 0)
-    if len(rest):
-        kept = np.flatnonzero(out >= 0)
-        distance, nearest = cKDTree(points[kept]).query(points[rest])
-        order = np.lexsort((distance, part[rest]))
-        first = np.unique(part[rest][order], return_index=True)[1]
-        of_part = dict(zip(part[rest][order][first].tolist(), out[kept[nearest[order][first]]].tolist(), strict=True))
-        out[rest] = [of_part[p] for p in part[rest].tolist()]
-    return out

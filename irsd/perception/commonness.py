@@ -31,11 +31,13 @@ _PER_HOME = {
     0.4: "printer, ball, bicycle, ottoman, notice board",
     0.3: "bench, whiteboard, fire extinguisher, dumbbell, security camera",
     0.2: "fireplace, ladder, robot vacuum",
-    0.1: "treadmill, piano, workbench, exercise ball, weight bench, copier",
+    0.1: (
+        "treadmill, piano, workbench, exercise ball, weight bench, copier, fume hood, microscope, centrifuge, gas cylinder"
+    ),
 }
 _COUNTS = {name: count for count, names in _PER_HOME.items() for name in names.split(", ")}
 
 
 def commonness(names: Sequence[str]) -> NDArray[np.float64]:
-    """[n] how many of each a home has; 1 for names that nothing is said of: a site that lists a centrifuge has one."""
+    """[n] how many of each a home has; 1 for names that nothing is said of: a site that lists an incubator has one."""
     return np.array([_COUNTS.get(name, 1.0) for name in names])

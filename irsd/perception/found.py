@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -83,7 +83,7 @@ def reduced(bgr: NDArray[np.uint8], side_px: int) -> tuple[NDArray[np.uint8], fl
 def scaled(sight: Sight, scale: float) -> Sight:
     """The sight in the pixels of the reduced picture."""
     pixel = ((sight.pixel + 0.5) * scale - 0.5).astype(np.float32) if scale < 1.0 else sight.pixel
-    return Sight(pixel, sight.depth_m, sight.of_point, sight.structural)
+    return replace(sight, pixel=pixel)
 
 
 def renumbered(ids_px: NDArray[np.uint16], keep: NDArray[np.int64]) -> NDArray[np.uint16]:

@@ -15,13 +15,15 @@ class Sight:
     """The map as the picture's camera saw it: what is not hidden behind something nearer.
 
     pixel: float32 [M, 2] (u, v); depth_m: float32 [M] along the optical axis; of_point: int32 [M], row of ``KnownThings`` or -1;
-    structural: bool [M], it is part of a wall, a floor or a ceiling.
+    structural: bool [M], it is part of a wall, a floor or a ceiling; part: int32 [M], number of the part of the map that stands alone
+    and in a thing's size, 0 none; None: not known.
     """
 
     pixel: NDArray[np.float32]
     depth_m: NDArray[np.float32]
     of_point: NDArray[np.int32]
     structural: NDArray[np.bool_]
+    part: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """Names of things by shape and by picture together, over one vocabulary, with an honest way out: what is like nothing is an "object".
 
-The chance of a name is softmax(scale * (w * cosine by shape + (1 - w) * cosine by picture) + g * log of how common it is), or of the
-one that there is. The scale comes with the shape network, the weights w and g from measuring on things that nothing was trained on.
+The chance of a name is softmax(scale * e * (w * cosine by shape + (1 - w) * cosine by picture) + g * log of how common it is), or of
+the one that there is, with e = 1. The scale comes with the shape network, the weights w, e and g from measuring on things that nothing
+was trained on; e lies between 1, one piece of evidence seen twice, and 2, two independent ones.
 Shapes are encoded anew only when a cloud has changed by much, a few at a time.
 """
 
@@ -29,6 +30,7 @@ class NamingSettings:
     """How irsd's own eyes name things."""
 
     shape_share: float = setting(0.65, "weight of the shape in a name, against the pictures", lo=0.0, hi=1.0)
+    both: float = setting(1.4, "how much more shape and pictures together tell than one of them", lo=1.0, hi=2.0)
     commonness: float = setting(
         0.7,
         "how far a name's being common counts: 0 not at all, 1 as if every building were the usual one",
@@ -141,18 +143,24 @@ class Namer:
         image = image if image is not None and image.shape == self._vectors.shape[1:] else None
         return replace(known.state, labels=self.rank(known.shape, image), score_kind="chances")
 
+    def name_of(self, points_map: Floats, floor_z_m: float) -> tuple[str, float]:
+        """Name and chance of a cloud float32 [k, 3] above a floor by its shape alone; ``UNKNOWN`` where none is likely enough."""
+        shape = self._shapes.encode([points_map], floor_z_m)[0]
+        return self.rank(shape if shape.any() else None, None)[0]
+
     def rank(self, shape: Floats | None, image: Floats | None) -> tuple[tuple[str, float], ...]:
         """(name, chance) best first of a thing with unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""
         if shape is None and image is None:
             return ((UNKNOWN, 1.0),)
         share = 0.0 if shape is None else 1.0 if image is None else self._settings.shape_share
+        scale = self._scale * (1.0 if shape is None or image is None else self._settings.both)
         by = np.zeros((2, len(self._names)))
         by[0] = 0.0 if shape is None else self._vectors @ shape
         by[1] = 0.0 if image is None else self._vectors @ image
-        likely = self._scale * (share * by[0] + (1 - share) * by[1]) + self._common
+        likely = scale * (share * by[0] + (1 - share) * by[1]) + self._common
         at = dict(zip(self._names, likely.tolist(), strict=True))
         for name, (by_shape, by_image) in liken(self._examples, shape, image).items():
-            at[name] = max(at.get(name, -np.inf), self._scale * (share * by_shape + (1 - share) * by_image))
+            at[name] = max(at.get(name, -np.inf), scale * (share * by_shape + (1 - share) * by_image))
         names, values = list(at), np.array(list(at.values()))
         chance = np.exp(values - values.max())
         chance /= chance.sum()
@@ -165,8 +173,8 @@ class Namer:
         best = best[: self._settings.top_labels - 1]
         told = sum(share for _, share in best)
         none = max(unknown, 1.0 - told, best[0][1])
-        scale = min(1.0, (1.0 - none) / told) if told > 0 else 1.0
-        return ((UNKNOWN, _down(none)), *((name, _down(share * scale)) for name, share in best))
+        shrink = min(1.0, (1.0 - none) / told) if told > 0 else 1.0
+        return ((UNKNOWN, _down(none)), *((name, _down(share * shrink)) for name, share in best))
 
 
 def _extent(points: Floats) -> Floats:

@@ -25,7 +25,8 @@ INDOOR = tuple(_INDOOR.split(", "))
 _MORE = (
     "office chair, ottoman, side table, kitchen cabinet, kitchen utensils, tableware, cooking pot, seasoning jars, range hood, "
     "shoe rack, chandelier, ceiling lamp, pendant lamp, floor lamp, table lamp, wall lamp, photo frame, notice board, "
-    "light switch, security camera, washbasin, workbench, exercise ball, weight bench, tablet, bag, copier, robot vacuum, window"
+    "light switch, security camera, washbasin, workbench, exercise ball, weight bench, tablet, bag, copier, robot vacuum, window, "
+    "fume hood, microscope, centrifuge, gas cylinder"
 )
 HOUSEHOLD = (*INDOOR, *_MORE.split(", "))
 """What the shipped networks may call things where a site names nothing: the above, and what else they were trained on."""

@@ -64,7 +64,7 @@ def test_shape_and_picture_are_weighed_and_chances_add_up() -> None:
     both = namer.rank(unit(1.0), unit(0.0, 1.0))  # they disagree: the weightier one wins
     assert both[0][0] == "table"
     vectors = embed((*NAMES, UNKNOWN))
-    cosines = 20.0 * (0.25 * vectors @ unit(1.0) + 0.75 * vectors @ unit(0.0, 1.0))
+    cosines = 20.0 * NamingSettings().both * (0.25 * vectors @ unit(1.0) + 0.75 * vectors @ unit(0.0, 1.0))
     chance = np.exp(cosines) * commonness((*NAMES, UNKNOWN)) ** NamingSettings().commonness
     chance /= chance.sum()
     assert abs(both[0][1] - chance[1]) < 1e-5
@@ -80,7 +80,7 @@ def test_of_two_likely_names_the_commoner_one_is_meant_and_no_prior_outweighs_wh
     assert namer.rank(unit(0.5, 1.0), None)[0][0] == "table"
     level = namer_of(ByHeight(), NamingSettings(commonness=0.0)).rank(unit(1.0, 1.0), None)
     assert level[0][1] == level[1][1]
-    assert commonness(["centrifuge"])[0] == 1.0
+    assert commonness(["incubator"])[0] == 1.0
 
 
 def test_what_is_like_nothing_is_an_object_first_and_its_best_guesses_come_after() -> None:

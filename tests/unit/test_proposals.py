@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.types import InstanceState, InstanceUpdate, LooseChange
-from irsd.instances.proposals import Proposals, ProposalSettings, pieces_of
+from irsd.instances.part import ProposalSettings
+from irsd.instances.pieces import pieces_of
+from irsd.instances.proposals import Proposals
 
 SECOND = 1_000_000_000
 VOXEL = 0.04
@@ -120,6 +122,103 @@ def test_what_the_camera_claims_is_the_cameras_and_is_completed_by_the_map() -> 
     assert set(update.ended) == {70}
 
 
+def test_a_part_of_a_things_size_is_known_by_its_voxels() -> None:
+    world = Map()
+    whole, other, heap = box(1.0, 1.0, (0.8, 0.6, 0.8)), box(4.0, 1.0, (0.5, 0.5, 0.8)), box(0.0, 9.0, (6.0, 3.0, 1.0))
+    rows, more, most = world.add(whole), world.add(other), world.add(heap)
+    world.change(rows, more, most)
+    numbers = world.proposals.alone(np.concatenate([[-1], rows, more, most, [10**6]]).astype(np.int32))
+    first, second, third = np.split(numbers[1:-1], np.cumsum([len(rows), len(more)]))
+    assert (numbers[0], numbers[-1]) == (0, 0)
+    assert len({first[0], second[0], 0}) == 3
+    assert set(first) == {first[0]}
+    assert set(second) == {second[0]}
+    assert not third.any()
+
+
+def test_fragments_end_in_the_part_that_has_them_and_come_back_when_it_gives_them_up() -> None:
+    world = Map()
+    whole = box(1.0, 1.0, (1.6, 0.8, 0.6))
+    world.change(world.add(whole))
+    left = whole[whole[:, 0] < np.quantile(whole[:, 0], 0.2)]
+    (part,) = world.after(6)[0]
+    told, _ = world.after(2, seen(77, left))
+    assert set(told) == {part, 77}
+    (contest,) = world.proposals.contested()
+    assert contest.fragments == (77,)
+    assert len(contest.points_map) == len(whole)
+    world.proposals.absorb(contest.number, [77])
+    told, update = world.after(2)
+    assert set(told) == {part}
+    assert len(told[part].points_map) == len(whole)
+    assert (update.ended, update.merged) == ((77,), ((part, 77),))
+    told, _ = world.after(2, seen(77, left))  # the camera goes on seeing it
+    assert 77 not in told
+    assert list(world.proposals.absorbed) == [77]
+    (contest,) = world.proposals.contested()
+    assert contest.fragments == (77,)
+    world.proposals.absorb(contest.number, [])
+    told, update = world.after(2, seen(77, left))
+    assert set(told) == {part, 77}
+    assert update.ended == ()
+
+
+def test_a_fragment_that_grows_out_of_its_part_is_free_and_so_are_those_of_a_part_that_ends() -> None:
+    world = Map()
+    whole, beside = box(1.0, 1.0, (1.6, 0.8, 0.6)), box(4.0, 1.0, (1.6, 0.8, 0.6))
+    rows = world.add(whole)
+    world.change(rows)
+    world.add(beside)  # no part of its own
+    left, right = (whole[whole[:, 0] < 1.5], whole[whole[:, 0] > 2.2])
+    world.after(6)
+    world.after(2, seen(77, left), seen(78, right))
+    (contest,) = world.proposals.contested()
+    assert contest.fragments == (77, 78)
+    world.proposals.absorb(contest.number, [77, 78])
+    assert set(world.after(2)[0]).isdisjoint({77, 78})
+    told, _ = world.after(2, seen(77, np.concatenate([left, beside])))
+    assert 77 in told
+    assert list(world.proposals.absorbed) == [78]
+    world.change(gone=rows)
+    told, _ = world.after(2)
+    assert 78 in told
+    assert not world.proposals.absorbed
+
+
+def test_an_heir_gets_the_part_and_what_its_fragments_had() -> None:
+    world = Map()
+    whole = box(1.0, 1.0, (1.6, 0.8, 0.6))
+    world.change(world.add(whole))
+    first, second, third = (whole[(whole[:, 0] > a) & (whole[:, 0] <= b)] for a, b in ((0, 1.3), (1.4, 1.7), (2.2, 3)))
+    (part,) = world.after(6)[0]
+    world.after(2, seen(77, first), seen(78, second), seen(79, third))
+    (contest,) = world.proposals.contested()
+    assert contest.fragments == (77, 78, 79)
+    world.proposals.absorb(contest.number, [78], heir=77)
+    told, update = world.after(2)
+    assert set(update.ended) <= {78, part}
+    assert 78 in update.ended
+    assert (77, 78) in update.merged
+    has, all_of = {tuple(p) for p in told[77].points_map.tolist()}, {tuple(p) for p in whole.tolist()}
+    assert has >= {tuple(p) for p in np.concatenate([first, second]).tolist()}
+    assert has <= all_of - {tuple(p) for p in third.tolist()}
+    assert len(has) > 0.9 * (len(whole) - len(third))  # but for a rim beside what another one has
+
+
+def test_what_rests_gives_its_fragments_back() -> None:
+    world = Map()
+    whole = box(1.0, 1.0, (1.6, 0.8, 0.6))
+    world.change(world.add(whole))
+    world.after(6)
+    world.after(2, seen(77, whole[whole[:, 0] < np.quantile(whole[:, 0], 0.2)]))
+    (contest,) = world.proposals.contested()
+    world.proposals.absorb(contest.number, [77])
+    (part,) = world.after(2)[0]
+    over, back = world.proposals.withdraw()
+    assert over == (part,)
+    assert [state.id for state in back] == [77]
+
+
 def test_a_small_claim_takes_its_voxels_and_leaves_the_part_a_thing() -> None:
     world = Map()
     table, cup = box(0.0, 0.0, (1.6, 0.8, 0.8)), box(0.4, 0.4, (0.12, 0.12, 0.12), z=1.1)
@@ -154,7 +253,7 @@ def test_withdrawn_things_come_back_under_their_ids_and_stored_ids_are_taken_up_
     shape = box(0.0, 0.0, (0.6, 0.6, 0.6))
     world.change(world.add(shape))
     (part,) = world.after(5)[0]
-    assert world.proposals.withdraw() == (part,)
+    assert world.proposals.withdraw() == ((part,), ())
     told, _ = world.after(5)
     assert list(told) == [part]
     again = Map()
