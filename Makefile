@@ -62,27 +62,10 @@ fixtures: .venv-fixtures/.installed  ## make the contract tests' tiny models and
 	.venv-fixtures/bin/python -m pip install --disable-pip-version-check -q --no-deps -r $(word 2,$^)
 	@touch $@
 
-MODELS := build/models
-TRAIN  := OMP_NUM_THREADS=1 ORT_DISABLE_TELEMETRY=1 .venv-models/bin/python -m training
-
-models: .venv-models/.installed  ## train the shipped models anew: about 3 hours of 2 cores, goes on where it was interrupted
+models: .venv-models/.installed  ## train the shipped models anew: 1.5 hours of two cores; goes on where it was interrupted
 	@ls /usr/share/sweethome3d/furniture/*.sh3f >/dev/null || { echo "no 3D models: apt-get install sweethome3d-furniture"; exit 1; }
-	mkdir -p $(MODELS)
-	$(TRAIN).scene --seed 2 --count 138 --share 0 --out $(MODELS)/scenes
-	$(TRAIN).scene --seed 6 --count 250 --share 0.15 --out $(MODELS)/scenes
-	$(TRAIN).scene --seed 4 --count 85 --share 0.25 --out $(MODELS)/buildings
-	test -f $(MODELS)/singles.npz || $(TRAIN).shape_data --count 8000 --seed 1 --out $(MODELS)/singles.npz
-	test -f $(MODELS)/shape_rows.npz || $(TRAIN).shape_set --scenes $(MODELS)/scenes --singles $(MODELS)/singles.npz --variants 3 --out $(MODELS)/shape_rows.npz
-	$(TRAIN).train_shape --data $(MODELS)/shape_rows.npz --out $(MODELS)/shape.pt --epochs 13 --export $(MODELS)
-	$(TRAIN).train_structure --scenes $(MODELS)/buildings --rows $(MODELS)/structure_rows.npz --out $(MODELS)/structure.pt --epochs 9 --export $(MODELS)
-	$(TRAIN).pack --float $(MODELS) --shape-rows $(MODELS)/shape_rows.npz --structure-rows $(MODELS)/structure_rows.npz --out irsd/models/nano
-	$(TRAIN).render --seed 0 --scenes 200 --out $(MODELS)/pictures
-	$(TRAIN).render --seed 800000 --scenes 25 --out $(MODELS)/held_pictures
-	$(TRAIN).train_segmenter --data $(MODELS)/pictures --out $(MODELS)/segmenter.pt --minutes 40
-	$(TRAIN).train_image --data $(MODELS)/pictures --val $(MODELS)/held_pictures --out $(MODELS)/image.pt --minutes 40
-	$(TRAIN).export_pixels --data $(MODELS)/held_pictures --segmenter $(MODELS)/segmenter.pt --image $(MODELS)/image.pt --out irsd/models/nano
-	$(TRAIN).fit_segmenter --val $(MODELS)/held_pictures --model irsd/models/nano/segmenter.onnx
-	$(TRAIN).evaluate
+	$(MAKE) -j2 -f training/models.mk
+	.venv-models/bin/python -m training.evaluate
 
 .venv-models/.installed: training/requirements.txt requirements.lock
 	$(PYTHON) -m venv .venv-models

@@ -60,13 +60,13 @@ def image_feeds(frames: list[Frame]) -> Iterator[dict[str, np.ndarray]]:
             yield {"crops": crops, "measures": measures}
 
 
-def export(net: torch.nn.Module, inputs: dict[str, torch.Tensor], output: str, path: Path, free: bool) -> None:
+def export(net: torch.nn.Module, inputs: dict[str, torch.Tensor], outputs: list[str], path: Path, free: bool) -> None:
     """A float ONNX file; ``free``: the first dimension may have any size."""
-    axes = {name: {0: "n"} for name in (*inputs, output)} if free else None
+    axes = {name: {0: "n"} for name in (*inputs, *outputs)} if free else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            net.eval(), tuple(inputs.values()), str(path), input_names=list(inputs), output_names=[output], opset_version=17,
+            net.eval(), tuple(inputs.values()), str(path), input_names=list(inputs), output_names=outputs, opset_version=17,
             dynamo=False, dynamic_axes=axes,
         )  # fmt: skip
 
@@ -111,7 +111,7 @@ def main() -> None:
         if arguments.segmenter is not None:
             path = folder / "segmenter.onnx"
             inputs = {"image": torch.zeros(1, 3, 2 * ROWS, 2 * COLUMNS), "map": torch.zeros(1, 3, ROWS, COLUMNS)}
-            export(Whole(load(SegmentNet(), arguments.segmenter)), inputs, "heads", path, free=False)
+            export(Whole(load(SegmentNet(), arguments.segmenter)), inputs, ["heads", "parts"], path, free=False)
             quantised(
                 path,
                 arguments.out / "segmenter.onnx",
@@ -121,7 +121,7 @@ def main() -> None:
         if arguments.image is not None:
             path = folder / "image_encoder.onnx"
             inputs = {"crops": torch.zeros(2, CHANNELS, SIDE, SIDE), "measures": torch.zeros(2, MEASURES)}
-            export(load(ImageNet(), arguments.image), inputs, "embedding", path, free=True)
+            export(load(ImageNet(), arguments.image), inputs, ["embedding"], path, free=True)
             quantised(path, arguments.out / "image_encoder.onnx", image_feeds(some), ("/size", "/head"))
 
 

@@ -18,7 +18,7 @@ from torch import nn
 
 from irsd.perception.models import Session
 from irsd.perception.nano_decode import MEASURES, Layers, Regions, chosen, regions_of, score_of
-from irsd.perception.nano_map import map_picture
+from irsd.perception.nano_map import alone_cells, map_picture
 from irsd.perception.nano_segmenter import LEAST_SCORE, MOST_OVER, cell_colours, image_input
 from training.average_precision import Judged, average_precision, judge
 from training.render_data import Frame, Frames, sight_of
@@ -30,9 +30,10 @@ _WIDTH, _EPOCHS, _BATCH = 32, 25, 256
 def regions(session: Session, frame: Frame) -> Regions:
     """As the product finds them."""
     rgb = frame.rgb()
-    map_ = map_picture(sight_of(frame.points), rgb.shape[:2])
-    (heads,) = session.run({"image": image_input(rgb), "map": map_[None]}, ("heads",))
-    return regions_of(heads[0].astype(np.float32), map_, cell_colours(rgb))
+    sight = sight_of(frame.points, frame.matrix)
+    map_, alone = map_picture(sight, rgb.shape[:2]), alone_cells(sight, rgb.shape[:2])
+    heads, parts = session.run({"image": image_input(rgb), "map": map_[None]}, ("heads", "parts"))
+    return regions_of(heads[0].astype(np.float32), parts[0].astype(np.float32), map_, cell_colours(rgb), alone)
 
 
 def worth(found: Regions, thing: np.ndarray) -> np.ndarray:

@@ -97,4 +97,5 @@ def _frame(view: CameraView, mapper: Mapper, settings: IrsdConfig, packed: NDArr
     rows = np.column_stack([pixel, depth_m, part]).astype(np.float32)
     thing = cv2.imdecode(packed, cv2.IMREAD_UNCHANGED)
     assert thing is not None
-    return Frame(blob.reshape(-1), thing, rows, view.map_T_camera, view.camera.matrix, ())
+    nothing = np.zeros(0, np.uint8)
+    return Frame(blob.reshape(-1), thing, nothing, rows, view.map_T_camera, view.camera.matrix, ())

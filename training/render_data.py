@@ -9,17 +9,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from irsd.instances.part import ProposalSettings
+from irsd.instances.settle import connected_parts
 from irsd.perception.job import Sight
 
 Rng = np.random.Generator
+_LINK_M, _LEAST_POINTS = 0.08, 12  # of what is in sight: some of the voxels between are not
+_STRUCTURE = np.array([0, 1, 2, 3, 4, 5, 2], np.uint8)  # of the renderer's parts; a carpet is floor
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """jpeg uint8 [n]; thing uint16 [240, 320]; points float16 [M, 4] (u, v, depth, structural); pose, matrix; names of things 1.."""
+    """jpeg uint8 [n]; thing uint16 [240, 320]; part uint8 of the same size, ``Structure`` (empty where not known); points float16 [M, 4] (u, v, depth, structural); pose, matrix; names of things 1.."""
 
     jpeg: NDArray[np.uint8]
     thing: NDArray[np.uint16]
+    part: NDArray[np.uint8]
     points: NDArray[np.float16]
     pose: NDArray[np.float64]
     matrix: NDArray[np.float64]
@@ -32,21 +37,13 @@ class Frame:
 
 
 class Frames:
-    """All frames of a folder, read again as it grows; kept in memory (40 kB each packed, 0.2 MB with their ids)."""
+    """All frames of a folder; kept in memory (40 kB each packed, 0.2 MB with their ids)."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
         self.frames: list[Frame] = []
-        self._read: set[str] = set()
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Take in the scenes that are new."""
-        for path in sorted(self.folder.glob("scene_??????.npz")):
-            if path.name not in self._read:
-                self._read.add(path.name)
-                with np.load(path) as data:
-                    self.frames += list(_frames({key: data[key] for key in data.files}))
+        for path in sorted(folder.glob("scene_??????.npz")):
+            with np.load(path) as data:
+                self.frames += list(_frames({key: data[key] for key in data.files}))
 
 
 def _frames(data: dict[str, NDArray]):
@@ -54,15 +51,32 @@ def _frames(data: dict[str, NDArray]):
     names = tuple(data["names"].tolist())
     for k in range(len(data["pose"])):
         yield Frame(
-            data["jpeg"][jpeg[k] : jpeg[k + 1]], data["thing"][k], data["pixel"][point[k] : point[k + 1]],
+            data["jpeg"][jpeg[k] : jpeg[k + 1]], data["thing"][k], _STRUCTURE[data["part"][k]], data["pixel"][point[k] : point[k + 1]],
             data["pose"][k], data["matrix"][k], names,
         )  # fmt: skip
 
 
-def sight_of(points: NDArray[np.floating]) -> Sight:
-    """Rows (u, v, depth, structural) as the product has them."""
+def sight_of(points: NDArray[np.floating], matrix: NDArray[np.float64] | None = None) -> Sight:
+    """Rows (u, v, depth, structural) as the product has them. matrix: the camera's; with it, what hangs together of what is in sight
+    and no structure is a part of the map that stands alone."""
     p = points.astype(np.float32)
-    return Sight(p[:, :2], p[:, 2], np.full(len(p), -1, np.int32), p[:, 3] > 0.5)
+    part = None if matrix is None else _parts(p, matrix)
+    return Sight(p[:, :2], p[:, 2], np.full(len(p), -1, np.int32), p[:, 3] > 0.5, part)
+
+
+def _parts(p: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Number of the part that each row (u, v, depth, structural) belongs to, 0 for structure, specks and heaps: int32 [M]."""
+    across = (p[:, 0] - matrix[0, 2]) / matrix[0, 0] * p[:, 2]
+    down = (p[:, 1] - matrix[1, 2]) / matrix[1, 1] * p[:, 2]
+    xyz = np.stack([across, down, p[:, 2]], -1).astype(np.float32)
+    loose = np.flatnonzero(p[:, 3] < 0.5)
+    part = np.asarray(connected_parts(xyz[loose], _LINK_M))
+    out = np.zeros(len(p), np.int32)
+    for k in np.flatnonzero(np.bincount(part, minlength=1) >= _LEAST_POINTS).tolist():
+        mine = loose[part == k]
+        if np.linalg.norm(np.ptp(xyz[mine], axis=0)) <= ProposalSettings().max_size_m:
+            out[mine] = k + 1
+    return out
 
 
 def thinned(points: NDArray[np.float16], rng: Rng) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from training.furniture import collection
+from training.furniture import collection, groups
 from training.furniture.solids import box
 from training.render_models import Body, Drawn, Surface, fitted, of_drawn, of_model, projected, surface
 from training.render_textures import Bank
@@ -79,6 +79,9 @@ class _Yard:
             flat = solid[level]
             if len(flat) < 4000:
                 self.carriers.append((len(self.names), flat, high))
+        for model, ahead, aside, up, turned in groups.upon(self.rng, body.name, body.triangles) if z == 0 else ():
+            at = (x + c * ahead - s * aside, y + s * ahead + c * aside, up + 0.003)
+            self.stand(of_model(model, self.bank, self.rng), *at, yaw + turned)
         return True
 
     def free(self, low, high, gap: float = 0.02) -> bool:
@@ -263,7 +266,7 @@ def _beams(yard: _Yard, rooms) -> None:
     if rng.random() < 0.2:
         deep = rng.uniform(0.1, 0.3)
         for x in np.arange(x0 + rng.uniform(0.3, 1), x1, rng.uniform(0.8, 2)):
-            yard.shell(box(x, x + deep, y0, y1, high - deep, high), CEILING, look)
+            yard.shell(box(x, x + deep, y0, y1, high - deep, high), WALL, look)  # as in `house`
     if rng.random() < 0.2:
         x, y, w = rng.uniform(x0 + 0.5, x1 - 0.5), rng.uniform(y0 + 0.5, y1 - 0.5), rng.uniform(0.2, 0.4)
         yard.shell(box(x, x + w, y, y + w, 0, high), WALL, look)

@@ -21,7 +21,7 @@ from irsd.mapping.mapper import Mapper, MappingSettings
 from irsd.mapping.voxels import VoxelSettings
 from irsd.sim.raycast import RayScene
 from training import sweethome
-from training.furniture import seating
+from training.furniture import groups, seating
 from training.furniture.collection import draw
 from training.furniture.solids import Triangles, turn
 from training.house import Opening, Rect, Rng, Room, Shell, make_shell
@@ -113,6 +113,7 @@ class _Furnisher:
             self.boxes.append((rect, float(low[2]), float(high[2])))
             if thing.mount == "floor" and 0.3 < high[2] < 1.5:
                 self._tops.append((rect, float(high[2])))
+                self._dress(room, thing.name, solid, yaw, x, y)
             return True
         return False
 
@@ -134,6 +135,13 @@ class _Furnisher:
                 at = np.float32([edge + out, along, 0.0] if upright else [along, edge + out, 0.0])
                 model = maker(rng)
                 self._add(room, model.name, turn(model.triangles(), yaw + float(rng.normal(0, 0.1))) + at)
+
+    def _dress(self, room: Room, name: str, solid: Triangles, yaw: float, x: float, y: float) -> None:
+        """What usually stands on such a thing."""
+        c, s = float(np.cos(yaw)), float(np.sin(yaw))
+        for model, ahead, aside, up, turned in groups.upon(self._rng, name, solid):
+            at = np.float32([x + c * ahead - s * aside, y + s * ahead + c * aside, up + 0.003])
+            self._add(room, model.name, turn(model.triangles(), yaw + turned) + at)
 
     def _add(self, room: Room, name: str, solid: Triangles) -> None:
         """A thing where it is, if that is within the room and in nothing but a table."""

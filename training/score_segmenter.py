@@ -24,7 +24,7 @@ def measured(recorded: Recorded, model: NanoSegmenter, *, depth: bool) -> tuple[
     judged, spent = [], 0.0
     nothing = Sight(np.zeros((0, 2), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.bool_))
     for frame in recorded.frames:
-        rgb, sight = frame.rgb(), sight_of(frame.points) if depth else nothing
+        rgb, sight = frame.rgb(), sight_of(frame.points, frame.matrix) if depth else nothing
         began = time.process_time()
         found = model.segment_scene(rgb, sight)
         spent += time.process_time() - began

@@ -11,12 +11,13 @@ from torch.nn import functional
 
 from irsd.perception.nano_decode import OFFSET_CELLS
 from irsd.perception.nano_map import COLUMNS, ROWS, draw_map
-from irsd.perception.nano_segmenter import CHANNELS
+from irsd.perception.nano_segmenter import CHANNELS, PARTS
 from training.render_data import Frame, spoiled, thinned
 
 Rng = np.random.Generator
 CROP_ROWS, CROP_COLUMNS = 192, 256
 _LEAST_CELLS = 6
+_OF_PART = torch.tensor([1.0, 1.0, 1.0, 1.0, 2.0, 1.5])  # what a cell of a part counts in the loss: doors are rare
 
 
 def conv(inputs: int, outputs: int, stride: int = 1, side: int = 3) -> nn.Sequential:
@@ -40,7 +41,7 @@ _METRES = 2  # channels that ``placed`` adds to the map's three
 
 
 class SegmentNet(nn.Module):
-    """image [B, 3, H, W] (0..1) and map [B, 5, H/2, W/2] (``placed``) to heads [B, 5, H/2, W/2]: a U-Net with its work at an eighth and
+    """image [B, 3, H, W] (0..1) and map [B, 5, H/2, W/2] (``placed``) to heads and parts [B, 5 + 6, H/2, W/2]: a U-Net with its work at an eighth and
     below."""
 
     def __init__(self) -> None:
@@ -58,9 +59,9 @@ class SegmentNet(nn.Module):
             [conv(128, 96, side=1), conv(96, 64, side=1), conv(64, 32, side=1), conv(32, 19, side=1)]
         )
         self.up = nn.ModuleList([conv(96, 96), conv(64, 64), conv(32, 32), conv(19, 19)])
-        self.head = nn.Conv2d(19, CHANNELS, 1)
-        nn.init.constant_(self.head.bias, -2.0)
-        self.head.bias.data[3:] = 0
+        self.head = nn.Conv2d(19, CHANNELS + PARTS, 1)
+        nn.init.constant_(self.head.bias, 0.0)
+        self.head.bias.data[:3] = -2.0
 
     def forward(self, image: torch.Tensor, map_: torch.Tensor) -> torch.Tensor:
         x = torch.cat([self.stem(image * 4 - 2), map_], 1)
@@ -91,13 +92,14 @@ class Whole(nn.Module):
         self.register_buffer("down", ((torch.arange(ROWS) + 0.5) / COLUMNS - ROWS / COLUMNS / 2).reshape(1, ROWS, 1))
         self.register_buffer("across", ((torch.arange(COLUMNS) + 0.5) / COLUMNS - 0.5).reshape(1, 1, COLUMNS))
 
-    def forward(self, image: torch.Tensor, map_: torch.Tensor) -> torch.Tensor:
-        return self.net(image, placed(map_, self.down, self.across))
+    def forward(self, image: torch.Tensor, map_: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        out = self.net(image, placed(map_, self.down, self.across))
+        return out[:, :CHANNELS], out[:, CHANNELS:]
 
 
 # ------------------------------------------------------------------------------------------------ what it is taught
-def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """(image uint8 [3, H, W], map float32 [3, H/2, W/2], numbers of things [H/2, W/2], cells' places down [H/2, 1] and across [1, W/2] for
+def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """(image uint8 [3, H, W], map float32 [3, H/2, W/2], numbers of things and parts [H/2, W/2], cells' places down [H/2, 1] and across [1, W/2] for
     ``placed``) of a spoiled crop at another scale."""
     scale = float(np.exp(rng.uniform(np.log(0.8), np.log(1.45))))
     rgb, thing, points = frame.rgb(), frame.thing, thinned(frame.points, rng)
@@ -105,14 +107,14 @@ def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray, NDArray,
     rgb_hw = rgb.shape[:2]
     across, down = size[0] / rgb.shape[1], size[1] / rgb.shape[0]
     rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA)
-    thing = cv2.resize(thing, size, interpolation=cv2.INTER_NEAREST)
+    thing, part = (cv2.resize(a, size, interpolation=cv2.INTER_NEAREST) for a in (thing, frame.part))
     left, top = int(rng.integers(0, size[0] - CROP_COLUMNS + 1)), int(rng.integers(0, size[1] - CROP_ROWS + 1))
-    rgb, thing = (a[top : top + CROP_ROWS, left : left + CROP_COLUMNS] for a in (rgb, thing))
+    rgb, thing, part = (a[top : top + CROP_ROWS, left : left + CROP_COLUMNS] for a in (rgb, thing, part))
     places_down = ((np.arange(CROP_ROWS // 2) * 2 + 1 + top) / size[1] - 0.5) * rgb_hw[0] / rgb_hw[1]
     places_across = (np.arange(CROP_COLUMNS // 2) * 2 + 1 + left) / size[0] - 0.5
     pixel = (points[:, :2] + 0.5) * np.array([across, down], np.float32) - 0.5 - np.array([left, top], np.float32)
     if rng.random() < 0.5:
-        rgb, thing = rgb[:, ::-1], thing[:, ::-1]
+        rgb, thing, part = rgb[:, ::-1], thing[:, ::-1], part[:, ::-1]
         places_across = -places_across[::-1]
         pixel = pixel * np.array([-1, 1], np.float32) + np.array([CROP_COLUMNS - 1, 0], np.float32)
     shown = draw_map(
@@ -120,14 +122,14 @@ def example(frame: Frame, rng: Rng) -> tuple[NDArray, NDArray, NDArray, NDArray,
     )[:, : CROP_ROWS // 2, : CROP_COLUMNS // 2]
     image = spoiled(np.ascontiguousarray(rgb), rng).transpose(2, 0, 1)
     where = places_down[:, None].astype(np.float32), places_across[None].astype(np.float32)
-    return image, shown, thing[::2, ::2].astype(np.int32), *where
+    return image, shown, thing[::2, ::2].astype(np.int32), part[::2, ::2], *where
 
 
-def targets(thing: NDArray[np.int32]) -> NDArray[np.float32]:
-    """float32 [6, h, w] of numbers [h, w]: thing, border between things, nearness to a middle, offset across and down, weight."""
+def targets(thing: NDArray[np.int32], part: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """float32 [7, h, w] of numbers [h, w]: thing, border between things, nearness to a middle, offset across and down, weight, part."""
     h, w = thing.shape
-    out = np.zeros((6, h, w), np.float32)
-    out[0], out[5] = thing > 0, 1.0
+    out = np.zeros((7, h, w), np.float32)
+    out[0], out[5], out[6] = thing > 0, 1.0, part
     for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         meet = (thing[one] != thing[other]) & (thing[one] > 0) & (thing[other] > 0)
         out[1][one] = np.maximum(out[1][one], meet)
@@ -149,7 +151,7 @@ def targets(thing: NDArray[np.int32]) -> NDArray[np.float32]:
 
 
 def loss(heads: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Cross-entropy of thing and border, CenterNet's focal loss of middles (Zhou et al. 2019), L1 of the offsets on things."""
+    """Cross-entropy of thing, border and part, CenterNet's focal loss of middles (Zhou et al. 2019), L1 of the offsets on things."""
     weight = target[:, 5]
     thing = (functional.binary_cross_entropy_with_logits(heads[:, 0], target[:, 0], reduction="none") * weight).mean()
     border = functional.binary_cross_entropy_with_logits(heads[:, 1], target[:, 1], pos_weight=torch.tensor(3.0))
@@ -159,5 +161,6 @@ def loss(heads: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     wrong = -((1 - target[:, 2]) ** 4 * p**2 * (1 - p).log())[~peak].sum()
     middle = (right + wrong) / peak.sum().clamp(min=1)
     on = target[:, 0] * weight
-    offset = ((heads[:, 3:] - target[:, 3:5]).abs().sum(1) * on).sum() / on.sum().clamp(min=1)
-    return thing + 0.5 * border + 0.3 * middle + 0.7 * offset
+    part = functional.cross_entropy(heads[:, CHANNELS:], target[:, 6].long(), weight=_OF_PART)
+    offset = ((heads[:, 3:CHANNELS] - target[:, 3:5]).abs().sum(1) * on).sum() / on.sum().clamp(min=1)
+    return thing + 0.5 * border + 0.3 * middle + 0.7 * offset + 0.4 * part

@@ -70,15 +70,15 @@ class StructureNet(nn.Module):
         self.register_buffer("mean", mean)
         self.register_buffer("spread", spread)
         self.layers = nn.Sequential(
-            nn.Linear(FEATURES, 96),
+            nn.Linear(FEATURES, 160),
+            nn.ReLU(),
+            nn.Dropout(0.1),
+            nn.Linear(160, 96),
             nn.ReLU(),
             nn.Dropout(0.1),
             nn.Linear(96, 64),
             nn.ReLU(),
-            nn.Dropout(0.1),
-            nn.Linear(64, 48),
-            nn.ReLU(),
-            nn.Linear(48, 6),
+            nn.Linear(64, 6),
         )
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:

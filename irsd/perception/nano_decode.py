@@ -2,8 +2,8 @@
 
 Neighbouring cells are joined where they point at the same middle, no border is said to lie between, and neither depth nor colour steps
 (Felzenszwalb & Huttenlocher, IJCV 2004), at several scales; a second hierarchy looks at depth and colour alone. So masks end at depth
-edges. Each region is measured, a small perceptron says how likely it is one thing, and the most likely that are not over one
-another stay. Cells: ROWS x COLUMNS of the picture.
+edges. Parts of the map that stand alone are regions, too. Each region is measured, a small perceptron says how likely it is one thing,
+and the most likely that are not over one another stay. Cells: ROWS x COLUMNS of the picture.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.jit import kernel
+from irsd.core.types import Structure
 from irsd.perception.nano_map import COLUMNS, ROWS
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Layers = tuple[tuple[Floats, Floats], ...]  # weights [in, out] and biases [out]
 OFFSET_CELLS = 16.0  # an offset of 1 is so many cells
-MEASURES = 16
+MEASURES = 19
 # What a step between neighbours weighs: vote (per 8 cells), border, colour, depth, thing; and the scales of the regions.
 HIERARCHIES = (((1.0, 1.0, 0.4, 1.0, 1.0), (3.0, 8.0, 20.0, 50.0)), ((0.0, 0.2, 0.7, 2.0, 0.3), (6.0, 20.0, 60.0)))
 _LEAST_CELLS, _MOST_CELLS = 12, 15_000
@@ -38,30 +39,63 @@ class Regions:
     cells: Ints
 
 
-def regions_of(heads: Floats, map_: Floats, colour: Floats) -> Regions:
-    """Regions that may be things. heads: float32 [5, ROWS, COLUMNS] (thing, border, middle as logits; offset); map_: float32
-    [3, ROWS, COLUMNS] of ``nano_map``; colour: float32 [ROWS, COLUMNS, 3], 0..255."""
-    chance = (1 / (1 + np.exp(-np.clip(heads[:3], -30, 30)))).astype(np.float32)
+def regions_of(heads: Floats, parts: Floats, map_: Floats, colour: Floats, alone: Ints) -> Regions:
+    """Regions that may be things. heads: float32 [5, ROWS, COLUMNS] (thing, border, middle as logits; offset); parts: float32
+    [6, ROWS, COLUMNS], logits of ``Structure``; map_: float32 [3, ROWS, COLUMNS] of ``nano_map``; colour: float32 [ROWS, COLUMNS, 3],
+    0..255; alone: int32 [ROWS, COLUMNS], 1, 2 .. where parts of the map that stand alone are in sight, 0 elsewhere."""
+    chance = chances(heads, parts)
     down, across = np.mgrid[:ROWS, :COLUMNS].astype(np.float32)
     votes = np.stack([across + heads[3] * np.float32(OFFSET_CELLS), down + heads[4] * np.float32(OFFSET_CELLS)])
-    labels, found, partitions, cells = [], [], [], []
-    count = 0
+    found = _Found([], [], [], [])
     for weights, scales in HIERARCHIES:
-        first, second, step = steps_between(chance, votes, colour, map_[0], np.array(weights, np.float32))
+        first, second, step = _steps(chance, votes, colour, map_[0], weights)
         order = np.argsort(step, kind="stable").astype(np.int32)
         for scale in scales:
             label, n = joined(first, second, step, order, scale)
-            measures, size = measured(label, n, first, second, step, chance, votes, map_)
-            usable = (size >= _LEAST_CELLS) & (size <= _MOST_CELLS) & (measures[:, 0] > _LEAST_THING)
-            rows = np.flatnonzero(usable)
-            number = np.full(n, -1, np.int32)
-            number[rows] = count + np.arange(len(rows))
-            labels.append(number[label].reshape(ROWS, COLUMNS))
-            found.append(measures[rows])
-            partitions.append(np.full(len(rows), len(labels) - 1, np.int32))
-            cells.append(size[rows])
-            count += len(rows)
-    return Regions(np.stack(labels), np.concatenate(found), np.concatenate(partitions), np.concatenate(cells))
+            found.add(label, *measured(label, n, first, second, step, chance, votes, map_), 0)
+    if alone.any():
+        first, second, step = _steps(chance, votes, colour, map_[0], HIERARCHIES[0][0])
+        label = alone.reshape(-1).astype(np.int32)
+        found.add(label, *measured(label, int(label.max()) + 1, first, second, step, chance, votes, map_), 1)
+    labels, measures = np.stack(found.labels), np.concatenate(found.measures)
+    return Regions(labels, measures, np.concatenate(found.partitions), np.concatenate(found.cells))
+
+
+def _steps(
+    chance: Floats, votes: Floats, colour: Floats, inverse: Floats, weights: tuple[float, ...]
+) -> tuple[Ints, Ints, Floats]:
+    return steps_between(chance, votes, colour, inverse, np.array(weights, np.float32))
+
+
+def chances(heads: Floats, parts: Floats) -> Floats:
+    """float32 [5, ROWS, COLUMNS], 0..1: thing, border, middle; part of no structure; part of a door or a window."""
+    own = 1 / (1 + np.exp(-np.clip(heads[:3], -30, 30)))
+    share = np.exp(parts - parts.max(0))
+    share /= share.sum(0)
+    opening = share[Structure.DOOR] + share[Structure.WINDOW]
+    return np.concatenate([own, share[Structure.OTHER][None], opening[None]]).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Regions as they are gathered, by partition."""
+
+    labels: list[Ints]
+    measures: list[Floats]
+    partitions: list[Ints]
+    cells: list[Ints]
+
+    def add(self, label: Ints, measures: Floats, size: Ints, least: int) -> None:
+        """The regions of one partition label [cells] that are worth a look, of number ``least`` and above."""
+        usable = (size >= _LEAST_CELLS) & (size <= _MOST_CELLS) & (measures[:, 0] > _LEAST_THING)
+        rows = np.flatnonzero(usable)
+        rows = rows[rows >= least]
+        number = np.full(len(size), -1, np.int32)
+        number[rows] = sum(len(m) for m in self.measures) + np.arange(len(rows))
+        self.partitions.append(np.full(len(rows), len(self.labels), np.int32))
+        self.labels.append(number[label].reshape(ROWS, COLUMNS))
+        self.measures.append(measures[rows])
+        self.cells.append(size[rows])
 
 
 def score_of(measures: Floats, layers: Layers) -> Floats:
@@ -163,7 +197,7 @@ def measured(
     Mean chance of a thing inside, and just outside; of a border inside, and along the edge; highest chance of a middle; logarithm of
     the cells; spread of its votes, and how far they lie from its middle, by its size; depth step along its edge; shares that are
     structure, and known; share of its box; whether it touches the picture's edge; length of its edge by its size; mean step inside,
-    and along the edge.
+    and along the edge; mean chance of no structure, and of a door or window; mean inverse depth where known.
     """
     size, box, total, peak = insides(label, n, chance, votes, map_)
     edge, inner = edges(label, n, first, second, step, chance, map_)
@@ -184,6 +218,8 @@ def measured(
         out[k, 12] = 1.0 if touches else 0.0
         out[k, 13] = min(long / root / 4, 4.0)
         out[k, 14], out[k, 15] = edge[k, 5] / max(inner[k], 1.0), min(edge[k, 4] / long, 3.0)
+        out[k, 16], out[k, 17] = total[k, 9] / cells, total[k, 10] / cells
+        out[k, 18] = total[k, 11] / max(total[k, 8], 1.0)
     return out, size
 
 
@@ -191,10 +227,11 @@ def measured(
 def insides(
     label: Ints, n: int, chance: Floats, votes: Floats, map_: Floats
 ) -> tuple[Ints, Ints, NDArray[np.float64], Floats]:
-    """Of each region: cells int32 [n]; box int32 [n, 4], first and last row and column; sums float64 [n, 9] of thing, border, votes
-    across and down, their squares, columns, rows, structure, known; highest middle float32 [n]."""
+    """Of each region: cells int32 [n]; box int32 [n, 4], first and last row and column; sums float64 [n, 12] of thing, border, votes
+    across and down, their squares, columns, rows, structure, known, no structure, doors and windows, inverse depth; highest middle
+    float32 [n]."""
     size, box = np.zeros(n, np.int32), np.empty((n, 4), np.int32)
-    total = np.zeros((n, 9), np.float64)
+    total = np.zeros((n, 12), np.float64)
     peak = np.zeros(n, np.float32)
     box[:, 0], box[:, 1], box[:, 2], box[:, 3] = ROWS, -1, COLUMNS, -1
     for p in range(ROWS * COLUMNS):
@@ -210,6 +247,9 @@ def insides(
         total[k, 6] += r
         total[k, 7] += map_[2, r, c]
         total[k, 8] += 1.0 if map_[1, r, c] > 0 else 0.0
+        total[k, 9] += chance[3, r, c]
+        total[k, 10] += chance[4, r, c]
+        total[k, 11] += map_[0, r, c]
         peak[k] = max(peak[k], chance[2, r, c])
         box[k, 0], box[k, 1] = min(box[k, 0], r), max(box[k, 1], r)
         box[k, 2], box[k, 3] = min(box[k, 2], c), max(box[k, 3], c)

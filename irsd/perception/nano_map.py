@@ -9,9 +9,11 @@ from irsd.core.jit import kernel
 from irsd.perception.job import Sight
 
 Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
 ROWS, COLUMNS = 120, 160
 _REACH = 10.0  # cells: a place farther from all map points is unknown
 _MOST_INVERSE = 4.0  # 1/m
+_PART_REACH = 3.0  # cells: the same for what part of the map a place shows
 
 
 def map_picture(sight: Sight, hw: tuple[int, int]) -> Floats:
@@ -26,17 +28,53 @@ def map_picture(sight: Sight, hw: tuple[int, int]) -> Floats:
     )
 
 
+def alone_cells(sight: Sight, hw: tuple[int, int]) -> Ints:
+    """int32 [ROWS, COLUMNS]: 1, 2 .. where parts of the map that stand alone are in sight (``Sight.part``), 0 elsewhere."""
+    out = np.zeros((ROWS, COLUMNS), np.int32)
+    if sight.part is None:
+        return out
+    index, away = draw_nearest(
+        np.ascontiguousarray(sight.pixel.reshape(-1, 2), np.float32),
+        np.ascontiguousarray(sight.depth_m, np.float32),
+        ROWS / hw[0],
+        COLUMNS / hw[1],
+    )
+    numbers = np.unique(sight.part[sight.part > 0])
+    near = away <= _PART_REACH
+    shown = sight.part[index[near]]
+    out[near] = np.where(shown > 0, np.searchsorted(numbers, shown) + 1, 0)
+    return out
+
+
 @kernel
 def draw_map(pixel: Floats, depth_m: Floats, structural: NDArray[np.bool_], down: float, across: float) -> Floats:
-    """The picture of ``map_picture``: each cell takes the nearest map point in it, an empty one that of the nearest cell with one (two
-    passes of a chamfer distance, Borgefors 1986). down, across: cells per pixel."""
+    """The picture of ``map_picture``. down, across: cells per pixel."""
+    index, away = draw_nearest(pixel, depth_m, down, across)
+    out = np.zeros((3, ROWS, COLUMNS), np.float32)
+    for r in range(ROWS):
+        for c in range(COLUMNS):
+            if away[r, c] <= _REACH:
+                k = index[r, c]
+                out[0, r, c] = min(1.0 / depth_m[k], _MOST_INVERSE)
+                out[1, r, c] = 1.0 / (1.0 + away[r, c])
+                out[2, r, c] = 1.0 if structural[k] else 0.0
+    return out
+
+
+@kernel
+def draw_nearest(pixel: Floats, depth_m: Floats, down: float, across: float) -> tuple[Ints, Floats]:
+    """(row of the point that each cell shows int32 [ROWS, COLUMNS], how far it is away in cells float32 of that size, 1e9 where none).
+
+    Each cell takes the nearest map point in it, an empty one that of the nearest cell with one (two passes of a chamfer distance,
+    Borgefors 1986).
+    """
     depth = np.full((ROWS, COLUMNS), np.inf, np.float32)
-    flat = np.zeros((ROWS, COLUMNS), np.float32)
+    index = np.zeros((ROWS, COLUMNS), np.int32)
     for k in range(len(depth_m)):
         row, column = int(np.floor((pixel[k, 1] + 0.5) * down)), int(np.floor((pixel[k, 0] + 0.5) * across))
         if 0 <= row < ROWS and 0 <= column < COLUMNS and 0 < depth_m[k] < depth[row, column]:
             depth[row, column] = depth_m[k]
-            flat[row, column] = 1.0 if structural[k] else 0.0
+            index[row, column] = k
     away = np.where(np.isfinite(depth), np.float32(0), np.float32(1e9))
     for sweep in range(2):
         sign = 1 if sweep == 0 else -1
@@ -48,13 +86,5 @@ def draw_map(pixel: Floats, depth_m: Floats, structural: NDArray[np.bool_], down
                     y, x = r + sign * dr, c + sign * dc
                     if 0 <= y < ROWS and 0 <= x < COLUMNS and away[y, x] + cost < away[r, c]:
                         away[r, c] = away[y, x] + np.float32(cost)
-                        depth[r, c] = depth[y, x]
-                        flat[r, c] = flat[y, x]
-    out = np.zeros((3, ROWS, COLUMNS), np.float32)
-    for r in range(ROWS):
-        for c in range(COLUMNS):
-            if away[r, c] <= _REACH:
-                out[0, r, c] = min(1.0 / depth[r, c], _MOST_INVERSE)
-                out[1, r, c] = 1.0 / (1.0 + away[r, c])
-                out[2, r, c] = flat[r, c]
-    return out
+                        index[r, c] = index[y, x]
+    return index, away

@@ -14,24 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irsd.core.errors import ModelError
+from irsd.core.types import Structure
 from irsd.perception.job import Sight
 from irsd.perception.models import Cancel, Session
 from irsd.perception.nano_decode import MEASURES, Floats, Ints, Layers, chosen, regions_of, score_of
-from irsd.perception.nano_map import COLUMNS, ROWS, map_picture
+from irsd.perception.nano_map import COLUMNS, ROWS, alone_cells, map_picture
 from irsd.perception.roles import Masks
 
-_IMAGE, _MAP, _HEADS = "image", "map", "heads"
+_IMAGE, _MAP, _HEADS, _PARTS = "image", "map", "heads", "parts"
 _WIDTH, _HEIGHT = 320, 240
 CHANNELS = 5  # thing, border, middle (logits); offset across, down
+PARTS = len(Structure)  # logits of what a cell is part of
 LEAST_SCORE, MOST_OVER = 0.05, 0.3  # a mask less sure is not given; a region more covered by surer ones is left out
 
 
 class NanoSegmenter:
-    """A network with inputs ``image`` float32 [1, 3, 240, 320] (RGB, 0..1) and ``map`` float32 [1, 3, 120, 160] (``nano_map``), output
-    ``heads`` float32 [1, 5, 120, 160]. Beside it a .json of the same name: the layers that score a mask."""
+    """A network with inputs ``image`` float32 [1, 3, 240, 320] (RGB, 0..1) and ``map`` float32 [1, 3, 120, 160] (``nano_map``),
+    outputs ``heads`` float32 [1, 5, 120, 160] and ``parts`` [1, 6, 120, 160]. Beside it a .json of the same name: the layers that
+    score a mask."""
 
     def __init__(self, path: Path, *, threads: int = 1, cancel: Cancel | None = None) -> None:
-        self._session = Session(path, threads=threads, inputs=(_IMAGE, _MAP), outputs=(_HEADS,), cancel=cancel)
+        self._session = Session(path, threads=threads, inputs=(_IMAGE, _MAP), outputs=(_HEADS, _PARTS), cancel=cancel)
         self._layers = read_layers(path.with_suffix(".json"))
 
     def segment_scene(self, image_rgb: NDArray[np.uint8], sight: Sight) -> Masks:
@@ -42,10 +45,12 @@ class NanoSegmenter:
         """
         hw = (image_rgb.shape[0], image_rgb.shape[1])
         image, map_ = image_input(image_rgb), map_picture(sight, hw)
-        (heads,) = self._session.run({_IMAGE: image, _MAP: map_[None]}, (_HEADS,))
-        if heads.shape != (1, CHANNELS, ROWS, COLUMNS):
-            raise ModelError(f"{self._session.path.name}: {_HEADS} has shape {heads.shape}")
-        regions = regions_of(heads[0].astype(np.float32), map_, cell_colours(image_rgb))
+        heads, parts = self._session.run({_IMAGE: image, _MAP: map_[None]}, (_HEADS, _PARTS))
+        for name, values, channels in ((_HEADS, heads, CHANNELS), (_PARTS, parts, PARTS)):
+            if values.shape != (1, channels, ROWS, COLUMNS):
+                raise ModelError(f"{self._session.path.name}: {name} has shape {values.shape}")
+        seen = heads[0].astype(np.float32), parts[0].astype(np.float32)
+        regions = regions_of(*seen, map_, cell_colours(image_rgb), alone_cells(sight, hw))
         cells, scores = chosen(regions, score_of(regions.measures, self._layers), LEAST_SCORE, MOST_OVER)
         return Masks(enlarged(cells, len(scores), hw), scores)
 

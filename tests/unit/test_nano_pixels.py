@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -14,12 +15,12 @@ from hypothesis import strategies as st
 
 import irsd.models
 from irsd.core.errors import ModelError
-from irsd.core.types import CameraModel, CameraView
+from irsd.core.types import CameraModel, CameraView, Structure
 from irsd.perception.job import Sight
-from irsd.perception.nano_decode import OFFSET_CELLS, Regions, chosen, joined, regions_of, steps_between
+from irsd.perception.nano_decode import MEASURES, OFFSET_CELLS, Regions, chosen, joined, regions_of, steps_between
 from irsd.perception.nano_image import Geometry, NanoImageEncoder, network_inputs
-from irsd.perception.nano_map import COLUMNS, ROWS, map_picture
-from irsd.perception.nano_segmenter import NanoSegmenter, enlarged
+from irsd.perception.nano_map import COLUMNS, ROWS, alone_cells, map_picture
+from irsd.perception.nano_segmenter import PARTS, NanoSegmenter, enlarged
 
 PACK = Path(irsd.models.__file__).parent / "nano"
 HW = (480, 640)
@@ -44,6 +45,13 @@ def heads_of(numbers: np.ndarray) -> np.ndarray:
         heads[3][mask], heads[4][mask] = (cx - x[mask]) / OFFSET_CELLS, (cy - y[mask]) / OFFSET_CELLS
         heads[2] = np.maximum(heads[2], 6 - ((y - round(cy)) ** 2 + (x - round(cx)) ** 2) / 2)
     return heads
+
+
+def parts_in(numbers: np.ndarray) -> np.ndarray:
+    """What a perfect network says that cells are part of: things, the rest wall."""
+    logits = np.zeros((PARTS, ROWS, COLUMNS), np.float32)
+    logits[Structure.OTHER], logits[Structure.WALL] = np.where(numbers > 0, 8, 0), np.where(numbers > 0, 0, 8)
+    return logits
 
 
 # ------------------------------------------------------------------------------------------------ the map
@@ -82,11 +90,56 @@ def test_map_picture_is_that_of_a_search_over_all_points(seed: int) -> None:
             assert 0 < shown[1, r, c] <= 1 / (1 + 0.95 * away)
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000))
+def test_a_part_of_the_map_lies_where_its_points_are_the_nearest(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 60))
+    pixel, depth = rng.uniform(0, 640, (n, 2)) * (1, 0.75), rng.uniform(0.3, 8, n)
+    part = rng.choice([0, 7, 40], n).astype(np.int32)
+    shown = alone_cells(dataclasses.replace(sight(pixel, depth), part=part), HW)
+    cell = np.floor((pixel.astype(np.float32) + 0.5) / 4).astype(int)[:, ::-1]
+    numbers = sorted(set(part[part > 0].tolist()))
+    for r, c in {tuple(rc) for rc in cell.tolist()}:
+        if r < ROWS and c < COLUMNS:
+            mine = np.flatnonzero((cell == (r, c)).all(1))
+            nearest = int(part[mine[depth[mine].astype(np.float32).argmin()]])
+            assert shown[r, c] == (numbers.index(nearest) + 1 if nearest else 0)
+    for r, c in rng.integers(0, (ROWS, COLUMNS), (40, 2)).tolist():
+        if np.hypot(*(cell - (r, c)).T).min() > 4:
+            assert shown[r, c] == 0
+
+
+def test_without_points_no_part_is_in_sight() -> None:
+    assert not alone_cells(dataclasses.replace(sight([], []), part=np.zeros(0, np.int32)), HW).any()
+
+
 # ------------------------------------------------------------------------------------------------ decoding
-def regions_in(numbers: np.ndarray) -> Regions:
-    return regions_of(
-        heads_of(numbers), np.zeros((3, ROWS, COLUMNS), np.float32), np.zeros((ROWS, COLUMNS, 3), np.float32)
-    )
+def regions_in(numbers: np.ndarray, alone: np.ndarray | None = None) -> Regions:
+    empty = np.zeros((3, ROWS, COLUMNS), np.float32)
+    alone = np.zeros((ROWS, COLUMNS), np.int32) if alone is None else alone
+    return regions_of(heads_of(numbers), parts_in(numbers), empty, np.zeros((ROWS, COLUMNS, 3), np.float32), alone)
+
+
+def test_a_region_knows_whether_it_is_of_structure() -> None:
+    numbers = np.zeros((ROWS, COLUMNS), np.int32)
+    numbers[10:50, 10:60] = 1
+    found = regions_in(numbers)
+    things = [k for k in range(len(found.cells)) if numbers[found.label[found.partition[k]] == k].all()]
+    assert things
+    assert (found.measures[things, 16] > 0.99).all()
+    assert (found.measures[:, 17] < 0.1).all()  # nothing here is a door or a window
+
+
+def test_a_part_of_the_map_is_a_region_of_its_own() -> None:
+    numbers, alone = np.zeros((ROWS, COLUMNS), np.int32), np.zeros((ROWS, COLUMNS), np.int32)
+    numbers[10:50, 10:60] = 1  # to the picture it is all one
+    alone[10:50, 10:30], alone[80:100, 80:100] = 2, 1  # the second is where the picture shows nothing
+    found = regions_in(numbers, alone)
+    masks = [found.label[found.partition[k]] == k for k in range(len(found.cells))]
+    assert any((mask == (alone == 2)).all() for mask in masks)
+    assert not any((mask == (alone == 1)).all() for mask in masks)
+    np.testing.assert_array_equal(found.cells, [mask.sum() for mask in masks])
 
 
 def test_perfect_heads_give_the_things_back() -> None:
@@ -142,7 +195,7 @@ def test_the_surer_region_is_drawn_and_one_that_it_covers_is_not() -> None:
     label = np.full((2, ROWS, COLUMNS), -1, np.int32)
     label[0, 10:30, 10:30], label[1, 10:30, 10:34], label[1, 60:80, 60:80] = 0, 1, 2
     regions = Regions(
-        label, np.zeros((3, 16), np.float32), np.array([0, 1, 1], np.int32), np.array([400, 480, 400], np.int32)
+        label, np.zeros((3, MEASURES), np.float32), np.array([0, 1, 1], np.int32), np.array([400, 480, 400], np.int32)
     )
     cells, scores = chosen(regions, np.array([0.6, 0.9, 0.02], np.float32), 0.05, 0.3)
     assert scores.tolist() == pytest.approx([0.9])
@@ -185,7 +238,7 @@ def test_a_segmenter_without_its_settings_says_what_is_missing(tmp_path: Path) -
     with pytest.raises(ModelError, match=r"segmenter\.json must stand beside"):
         NanoSegmenter(tmp_path / "segmenter.onnx")
     (tmp_path / "segmenter.json").write_text(json.dumps({"layers": [{"weight": [[1.0]], "bias": [0.0]}]}))
-    with pytest.raises(ModelError, match="must lead from 16 measures"):
+    with pytest.raises(ModelError, match=f"must lead from {MEASURES} measures"):
         NanoSegmenter(tmp_path / "segmenter.onnx")
 
 

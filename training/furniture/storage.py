@@ -644,7 +644,7 @@ MAKERS = (
     (side_table, 2),
     (console_table, 1),
     (desk, 3),
-    (workbench, 1),
+    (workbench, 2),
     (pool_table, 0.5),
     (reception_desk, 0.7),
     (wardrobe, 2),
