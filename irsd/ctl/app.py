@@ -308,10 +308,10 @@ def completion(shell: str) -> None:
 @click.option("--seed", default=1, show_default=True, help="Which building.")
 @click.option("--query", default="TV in the laboratory", show_default=True)
 @click.option(
-    "--own-eyes", is_flag=True, help="irsd sees with the networks it ships, not the world's simulated detector."
+    "--detector", is_flag=True, help="The world's simulated detector sees, instead of the networks that irsd ships."
 )
-def demo(out: Path, seed: int, query: str, own_eyes: bool) -> int:
+def demo(out: Path, seed: int, query: str, detector: bool) -> int:
     """The main job on the embedded world: explore, build the graph, drive to QUERY."""
     from irsd.ctl import demo as demonstration
 
-    return demonstration.run(out, seed, query, own_eyes)
+    return demonstration.run(out, seed, query, detector)

@@ -16,11 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cv2
+import numpy as np
 
 from irsd.core.errors import IrsdError
 from irsd.core.runtime import Ring, monotonic_s, sleep_s
-from irsd.ctl import drive, live
-from irsd.ctl.link import Target
+from irsd.ctl import drive, edits, live
+from irsd.ctl.link import Target, ask, connected
+from irsd.graph.codec import snapshot_from_json
 from irsd.io.endpoints import ZenohSettings, with_environment
 from irsd.io.messages import Sample
 from irsd.io.session import Session, open_session
@@ -70,10 +73,11 @@ class Programs:
             process.kill()
 
 
-def run(folder: Path, seed: int, query: str, own_eyes: bool) -> int:
+def run(folder: Path, seed: int, query: str, detector: bool) -> int:
     """The whole demo; returns the exit code, 0 only if the robot stands within 0.5 m of the target.
 
-    own_eyes: irsd sees the world's pictures with its own networks, in place of the world's simulated detector.
+    detector: the world's simulated detector sees, in place of irsd's own networks. Without it rooms are named as their operator would
+    name them; what things are called is what irsd sees.
     """
     folder.mkdir(parents=True, exist_ok=True)
     began_s = monotonic_s()
@@ -87,12 +91,14 @@ def run(folder: Path, seed: int, query: str, own_eyes: bool) -> int:
         programs.start("irsd", "irsd", "--robot", ROBOT, "--no-store")
         programs.start("nav_bridge", "nav_bridge", "--robot", ROBOT)
         truth = folder / "truth.json"
-        blind = ("--no-detections",) if own_eyes else ()
+        blind = () if detector else ("--no-detections",)
         world = ("irsd.sim", "--robot", ROBOT, "--seed", str(seed), "--truth", str(truth), *blind)
         with _session(target) as session:
             _wait_until_up(session, programs)
             programs.start("world", *world)
             _explore(session, programs)
+        if not detector:
+            _name_rooms(target, json.loads(truth.read_text()))
         click.echo("\nirsctl tree")
         live.tree(target, False)
         click.echo(f'\nirsctl goto "{query}"')
@@ -154,6 +160,19 @@ def _explore(session: Session, programs: Programs) -> None:
                 sleep_s(SETTLE_S)  # irsd works off the last frames and settles the map
                 return
     raise DemoError(f"the robot is not done exploring after {EXPLORE_LIMIT_S:g} s; see the world's log")
+
+
+def _name_rooms(target: Target, truth: dict[str, Any]) -> None:
+    """What an operator does once at a new site: each room gets its name from who knows the building."""
+    with connected(target) as (session, keys):
+        snapshot = snapshot_from_json(ask(session, keys.snapshot, target.timeout_s))
+    for true in truth["rooms"]:
+        low, high = np.min(true["polygon"], axis=0), np.max(true["polygon"], axis=0)
+        middle = [float(v) for v in (low + high) / 2]
+        for room in snapshot.rooms:
+            if cv2.pointPolygonTest(np.array(room.polygon_xy, np.float32), middle, False) >= 0:
+                click.echo(f'irsctl teach --room {room.id} "{true["label"]}"')
+                edits.edit(target, False, "teach", room.id, true["label"])
 
 
 def _check_against_truth(target: Target, truth: dict[str, Any], label: str) -> None:

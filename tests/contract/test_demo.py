@@ -14,7 +14,7 @@ import pytest
 
 @pytest.mark.timeout(290)
 def test_the_demo_ends_at_the_television(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "irsd.ctl", "demo", "--out", str(tmp_path), "--seed", "4"]
+    command = [sys.executable, "-m", "irsd.ctl", "demo", "--detector", "--out", str(tmp_path), "--seed", "4"]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr
     reached = re.search(r"^Reached: (0\.\d+) m from I\d+ television in R\d+ laboratory$", run.stdout, re.MULTILINE)
