@@ -18,9 +18,8 @@ _FURNITURE = (
     "piano, fume hood"
 )
 _LARGE = frozenset(_FURNITURE.split(", "))
-_STEADY = (
-    3  # steps with a name after which a thing is one, even if the next look makes it doubtful: robots are sent to it
-)
+# Steps with a name after which a thing is one, even if the next look makes it doubtful: robots are sent to it.
+_STEADY = 3
 
 
 class AllRound:
@@ -71,7 +70,7 @@ class AllRound:
             self._proposals.absorb(part.number, *fragments_of(whole, names))
 
     def alone(self, points_map: Floats) -> Rows:
-        """Number int32 [K] of the thing at each point [K, 3] that only the LiDAR saw so far, 0 where there is none."""
+        """Number int32 [K] of the part of the map of a thing's size at each point [K, 3], 0 where there is none."""
         return self._proposals.alone(self._mapper.rows_at(points_map))
 
     def restore(self, states: Sequence[InstanceState]) -> None:

@@ -57,7 +57,7 @@ class Lookout:
     ) -> None:
         """A picture; it is offered to the eyes when they can pay for one and it is worth it.
 
-        alone: which thing that only the LiDAR saw is at points [K, 3]: int32 [K], 0 none.
+        alone: which part of the map that stands alone is at points [K, 3]: int32 [K], 0 none.
         """
         if not self.eyes.wants(view.stamp_ns):
             return

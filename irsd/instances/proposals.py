@@ -314,6 +314,8 @@ class Proposals:
             part.heir = heir
             self._dirty[number] = None
         for instance_id in sorted(set(fragments) - part.absorbed):
+            if instance_id in self._absorbed:  # it has grown from one part into another
+                self._parts[self._absorbed[instance_id]].absorbed.discard(instance_id)
             part.absorbed.add(instance_id)
             self._absorbed[instance_id] = number
             part.id = part.id or self._take_id()

@@ -185,6 +185,26 @@ def test_a_fragment_that_grows_out_of_its_part_is_free_and_so_are_those_of_a_par
     assert not world.proposals.absorbed
 
 
+def test_a_fragment_that_moves_from_one_part_to_another_is_the_others_alone() -> None:
+    world = Map()
+    one, two = box(1.0, 1.0, (1.6, 0.8, 0.6)), box(6.0, 1.0, (1.6, 0.8, 0.6))
+    rows = world.add(one)
+    world.change(rows, world.add(two))
+    world.after(6)
+    few = [shape[shape[:, 0] < np.quantile(shape[:, 0], 0.2)] for shape in (one, two)]
+    world.after(2, seen(77, few[0]))
+    (contest,) = world.proposals.contested()
+    world.proposals.absorb(contest.number, [77])
+    world.after(2)
+    world.after(2, seen(77, few[1]))
+    (other,) = [c for c in world.proposals.contested() if c.number != contest.number]
+    world.proposals.absorb(other.number, [77])
+    assert 77 not in world.after(2)[0]
+    world.change(gone=rows)  # the first part ends, and has nothing to give back
+    assert 77 not in world.after(2)[0]
+    assert list(world.proposals.absorbed) == [77]
+
+
 def test_an_heir_gets_the_part_and_what_its_fragments_had() -> None:
     world = Map()
     whole = box(1.0, 1.0, (1.6, 0.8, 0.6))
