@@ -4,6 +4,7 @@ PYTHON := .venv-models/bin/python
 OUT    := irsd/models/nano
 TRAIN  := OMP_NUM_THREADS=1 ORT_DISABLE_TELEMETRY=1 $(PYTHON) -m training
 
+.DELETE_ON_ERROR:
 .PHONY: all
 all: $(B)/pixels.done $(B)/points.done
 
