@@ -65,7 +65,7 @@ class AllRound:
             if instance_id not in self._proposals.absorbed:
                 self._called.pop(instance_id, None)
         for part in self._proposals.contested():
-            whole = self._namer.name_of(part.points_map, floor_z_m)
+            whole = self._namer.name_of(part.number, part.points_map, floor_z_m)
             names = {i: self._called[i].label for i in part.fragments if i in self._called}
             self._proposals.absorb(part.number, *fragments_of(whole, names))
 

@@ -57,8 +57,8 @@ class Contested:
 class Part:
     """One part. size, since_ns: voxels when it last changed by much, and when; told: what was published last, None: not published.
 
-    claimants: id of an instance -> voxels of this part that are its own; taken: they have it, all of it. absorbed: ids of instances
-    that are fragments of it; heir: the claimant that gets all of it, 0 none.
+    claimants: id of an instance -> voxels of this part that are its own; taken: they have it, all of it. whole: it is of a thing's
+    size, as last judged. absorbed: ids of instances that are fragments of it; heir: the claimant that gets all of it, 0 none.
     """
 
     number: int
@@ -71,6 +71,7 @@ class Part:
     told: InstanceState | None = None
     claimants: dict[int, int] = field(default_factory=dict)
     taken: bool = False
+    whole: bool = False
     absorbed: set[int] = field(default_factory=set)
     heir: int = 0
     name: tuple[tuple[str, float], ...] = ((UNNAMED, 0.0),)

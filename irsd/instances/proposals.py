@@ -218,7 +218,7 @@ class Proposals:
         if count < s.min_voxels and part.told is None:
             return before
         owner = owners(part.points) if self._camera else np.zeros(count, np.int64)
-        whole = diagonal(part.points) <= s.max_size_m
+        whole = part.whole = count >= s.min_voxels and diagonal(part.points) <= s.max_size_m
         settled = stamp_ns - part.since_ns >= round(s.settle_s * NS_PER_S)
         self._weigh(part, owner, nameable=whole and settled and across(part.points) >= s.line_share)
         owner[np.isin(owner, list(part.absorbed))] = 0
@@ -289,10 +289,8 @@ class Proposals:
         """Number int32 [K] of the part of a thing's size that holds each voxel row [K], 0 where there is none."""
         known = (rows >= 0) & (rows < len(self._owner))
         out = np.where(known, self._owner[np.where(known, rows, 0)], 0).astype(np.int32)
-        for number in np.unique(out[out > 0]).tolist():
-            points = self._parts[number].points
-            if len(points) < self.settings.min_voxels or diagonal(points) > self.settings.max_size_m:
-                out[out == number] = 0
+        others = [number for number in np.unique(out[out > 0]).tolist() if not self._parts[number].whole]
+        out[np.isin(out, others)] = 0
         return out
 
     # ------------------------------------------------------------------------------------------------ fragments

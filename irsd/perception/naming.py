@@ -23,6 +23,7 @@ from irsd.perception.prototypes import Example, liken
 Floats = NDArray[np.float32]
 UNKNOWN = "object"
 _MOVED_M = 0.02  # a side that moved by less, half a voxel, has not
+_WHOLES = 256  # parts of the map whose vector is kept
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,21 @@ class Shapes(Protocol):
 Embed = Callable[[Sequence[str]], Floats]
 
 
+@dataclass(frozen=True, slots=True)
+class _Encoded:
+    """A cloud's vector, None where it says nothing, and its points and extent then."""
+
+    shape: Floats | None
+    points: int
+    extent_m: Floats
+
+
 @dataclass(slots=True)
 class _Known:
-    """What is known of one thing: the state as fusion told it, its shape's vector, and the cloud's points and extent then."""
+    """What is known of one thing: the state as fusion told it, and its cloud as it was encoded."""
 
     state: InstanceState
-    shape: Floats | None = None
-    points: int = 0
-    extent_m: Floats | None = None
+    encoded: _Encoded | None = None
 
 
 class Namer:
@@ -86,6 +94,7 @@ class Namer:
         self._vectors = np.asarray(embed(self._names), np.float32)
         self._common = settings.commonness * np.log(commonness(self._names))
         self._known: dict[int, _Known] = {}
+        self._wholes: dict[int, _Encoded] = {}  # parts of the map by number, the latest asked for last
         self._waiting: dict[int, None] = {}
         self._examples: tuple[Example, ...] = ()
         self._taught: tuple[Prototype, ...] = ()
@@ -113,7 +122,7 @@ class Namer:
                 self._known[state.id] = known = _Known(state)
             known.state = state
             due[state.id] = None
-            if self._has_changed(known):
+            if self._has_changed(known.encoded, state.points_map):
                 self._waiting[state.id] = None
         for instance_id in ended:
             if instance_id not in due:
@@ -121,32 +130,41 @@ class Namer:
                 self._waiting.pop(instance_id, None)
         for instance_id in list(self._waiting)[: self._settings.shapes_per_step]:
             del self._waiting[instance_id]
-            self._measure(self._known[instance_id], floor_z_m)
+            known = self._known[instance_id]
+            known.encoded = self._encode(known.state.points_map, floor_z_m(known.state.room))
             due[instance_id] = None
         return tuple(self._named(self._known[i]) for i in sorted(due))
 
-    def _has_changed(self, known: _Known) -> bool:
+    def _has_changed(self, encoded: _Encoded | None, points_map: Floats) -> bool:
         """Whether the cloud is much another one than that which was encoded."""
-        points, share = known.state.points_map, self._settings.changed_share
-        if known.extent_m is None or abs(len(points) - known.points) > share * known.points:
+        share = self._settings.changed_share
+        if encoded is None or abs(len(points_map) - encoded.points) > share * encoded.points:
             return True
-        return bool((np.abs(_extent(points) - known.extent_m) > share * known.extent_m + _MOVED_M).any())
+        return bool((np.abs(_extent(points_map) - encoded.extent_m) > share * encoded.extent_m + _MOVED_M).any())
 
-    def _measure(self, known: _Known, floor_z_m: Callable[[int], float]) -> None:
-        state = known.state
-        vector = self._shapes.encode([state.points_map], floor_z_m(state.room))[0]
-        known.shape = vector if vector.any() else None
-        known.points, known.extent_m = len(state.points_map), _extent(state.points_map)
+    def _encode(self, points_map: Floats, floor_z_m: float) -> _Encoded:
+        vector = self._shapes.encode([points_map], floor_z_m)[0]
+        return _Encoded(vector if vector.any() else None, len(points_map), _extent(points_map))
 
     def _named(self, known: _Known) -> InstanceState:
         image = known.state.embedding
         image = image if image is not None and image.shape == self._vectors.shape[1:] else None
-        return replace(known.state, labels=self.rank(known.shape, image), score_kind="chances")
+        return replace(
+            known.state, labels=self.rank(known.encoded.shape if known.encoded else None, image), score_kind="chances"
+        )
 
-    def name_of(self, points_map: Floats, floor_z_m: float) -> tuple[str, float]:
-        """Name and chance of a cloud float32 [k, 3] above a floor by its shape alone; ``UNKNOWN`` where none is likely enough."""
-        shape = self._shapes.encode([points_map], floor_z_m)[0]
-        return self.rank(shape if shape.any() else None, None)[0]
+    def name_of(self, number: int, points_map: Floats, floor_z_m: float) -> tuple[str, float]:
+        """Name and chance of a part of the map by its shape alone; ``UNKNOWN`` where none is likely enough.
+
+        points_map: float32 [k, 3] above a floor at floor_z_m; encoded anew only when the part of that number has changed by much.
+        """
+        whole = self._wholes.pop(number, None)
+        if whole is None or self._has_changed(whole, points_map):
+            whole = self._encode(points_map, floor_z_m)
+        self._wholes[number] = whole
+        if len(self._wholes) > _WHOLES:
+            del self._wholes[next(iter(self._wholes))]
+        return self.rank(whole.shape, None)[0]
 
     def rank(self, shape: Floats | None, image: Floats | None) -> tuple[tuple[str, float], ...]:
         """(name, chance) best first of a thing with unit vectors float32 [D]; ``UNKNOWN`` first where no name is likely enough."""

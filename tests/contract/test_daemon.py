@@ -119,9 +119,8 @@ def test_life_of_a_map(endpoint: str, tmp_path: Path) -> None:
             assert status["schema"] == "irs/status/1"
             assert "nothing received" in status["blocked_by"]
             faults = {fault["code"] for fault in status["faults"]}
-            assert faults - {"budget"} == {
-                "sensor_missing"
-            }  # a machine that is busy may be short of CPU right after the start
+            # A machine that is busy may be short of CPU right after the start.
+            assert faults - {"budget"} == {"sensor_missing"}
             assert snapshot_from_json(robot.get(KEYS.snapshot)[0].payload).rooms == ()
             assert "no map yet" in robot.get(KEYS.occupancy)[0].error or robot.get(KEYS.occupancy)[0].ok
             assert drive(robot, lambda: rooms.received > 0)

@@ -110,6 +110,21 @@ def test_shapes_are_encoded_a_few_at_a_time_and_again_only_when_the_cloud_change
     assert namer.name((), (), floor) == ()
 
 
+def test_a_part_of_the_map_is_encoded_anew_only_when_it_has_changed_by_much() -> None:
+    shapes = ByHeight()
+    namer = namer_of(shapes, NamingSettings(changed_share=0.2))
+    assert namer.name_of(7, thing(1, 1.5).points_map, 0.0)[0] == "table"
+    assert namer.name_of(7, thing(1, 1.5, count=55).points_map, 0.0)[0] == "table"
+    assert shapes.encoded == 1
+    assert namer.name_of(7, thing(1, 2.5).points_map, 0.0)[0] == "television"
+    assert namer.name_of(8, thing(1, 5.5).points_map, 0.0)[0] == UNKNOWN
+    assert shapes.encoded == 3
+    for number in range(1000, 1300):  # more than are kept
+        namer.name_of(number, thing(1, 1.5).points_map, 0.0)
+    namer.name_of(7, thing(1, 2.5).points_map, 0.0)
+    assert shapes.encoded == 304
+
+
 def test_a_taught_thing_names_the_next_one_and_no_other() -> None:
     namer = namer_of(ByHeight(), NamingSettings())
     (before,) = namer.name([thing(1, 5.5)], (), floor)

@@ -127,6 +127,7 @@ def test_a_part_of_a_things_size_is_known_by_its_voxels() -> None:
     whole, other, heap = box(1.0, 1.0, (0.8, 0.6, 0.8)), box(4.0, 1.0, (0.5, 0.5, 0.8)), box(0.0, 9.0, (6.0, 3.0, 1.0))
     rows, more, most = world.add(whole), world.add(other), world.add(heap)
     world.change(rows, more, most)
+    world.after(2)
     numbers = world.proposals.alone(np.concatenate([[-1], rows, more, most, [10**6]]).astype(np.int32))
     first, second, third = np.split(numbers[1:-1], np.cumsum([len(rows), len(more)]))
     assert (numbers[0], numbers[-1]) == (0, 0)
