@@ -6,11 +6,43 @@ from collections.abc import Callable
 
 import numpy as np
 
-from training.furniture import decor, machines, seating, storage
+from training.furniture import (
+    appliances,
+    bathroom,
+    beds,
+    cabinets,
+    decor,
+    electronics,
+    household,
+    kitchen,
+    seating,
+    shelves,
+    sports,
+    tables,
+    tableware,
+    workplace,
+)
 from training.furniture.solids import Model
 
 Maker = Callable[[np.random.Generator], Model]
-MAKERS: tuple[tuple[Maker, float], ...] = (*seating.MAKERS, *storage.MAKERS, *machines.MAKERS, *decor.MAKERS)
+# In this order, because what a seed draws depends on it.
+_MODULES = (
+    seating,
+    beds,
+    tables,
+    cabinets,
+    shelves,
+    kitchen,
+    appliances,
+    electronics,
+    bathroom,
+    workplace,
+    sports,
+    decor,
+    household,
+    tableware,
+)
+MAKERS: tuple[tuple[Maker, float], ...] = tuple(maker for module in _MODULES for maker in module.MAKERS)
 _WEIGHTS = np.array([weight for _, weight in MAKERS])
 
 

@@ -9,19 +9,33 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from training.furniture import decor, machines, storage
+from training.furniture import decor, electronics, household, kitchen, shelves, tableware, workplace
 from training.furniture.solids import Model, Triangles
 
 Rng = np.random.Generator
 Maker = Callable[[Rng], Model]
 
-_SCREEN = (machines.television, machines.television, machines.television, machines.old_television)
-_AT_HOME = (machines.speaker, machines.game_console, machines.router, decor.photo_frame, decor.vase, decor.plant)
-_COOKING = (machines.microwave, machines.microwave, machines.toaster, machines.kettle, machines.coffee_machine)
-_WORK = (machines.monitor, machines.monitor, machines.laptop, machines.keyboard, machines.printer, decor.table_lamp)
-_RESEARCH = (machines.microscope, machines.microscope, machines.centrifuge, machines.monitor, decor.bottle)
-_BEDSIDE = (decor.table_lamp, decor.table_lamp, decor.alarm_clock, decor.photo_frame)
-_MEAL = (decor.tableware, decor.bowl, decor.vase, decor.plate, decor.bottle, storage.book_pile)
+_SCREEN = (electronics.television, electronics.television, electronics.television, electronics.old_television)
+_AT_HOME = (
+    electronics.speaker,
+    electronics.game_console,
+    electronics.router,
+    decor.photo_frame,
+    household.vase,
+    household.plant,
+)
+_COOKING = (kitchen.microwave, kitchen.microwave, kitchen.toaster, kitchen.kettle, kitchen.coffee_machine)
+_WORK = (
+    electronics.monitor,
+    electronics.monitor,
+    electronics.laptop,
+    electronics.keyboard,
+    electronics.printer,
+    decor.table_lamp,
+)
+_RESEARCH = (workplace.microscope, workplace.microscope, workplace.centrifuge, electronics.monitor, tableware.bottle)
+_BEDSIDE = (decor.table_lamp, decor.table_lamp, tableware.alarm_clock, decor.photo_frame)
+_MEAL = (tableware.tableware, tableware.bowl, household.vase, tableware.plate, tableware.bottle, shelves.book_pile)
 
 # (share that carries something, what its middle carries, what its ends carry) by carrier
 USUAL: dict[str, tuple[float, tuple[Maker, ...], tuple[Maker, ...]]] = {
