@@ -23,8 +23,9 @@ from irsd.core.jit import kernel
 from irsd.core.types import CameraModel, CameraView
 from irsd.instances.lift import LiftSettings, points_in_sight
 from training.render_models import catalogue
-from training.render_scene import CEILING, FLOOR, NONE, WALL, Scene, make_scene
+from training.render_scene import Scene, make_scene
 from training.render_textures import SIDE, Bank, bank
+from training.render_yard import CEILING, FLOOR, NONE, WALL
 
 Rng = np.random.Generator
 HEIGHT, WIDTH = 240, 320
